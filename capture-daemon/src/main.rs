@@ -1,0 +1,3 @@
+//! `sward-capture`.
+
+fn main() {}

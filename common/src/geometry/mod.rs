@@ -1,0 +1,4 @@
+//! Curves in space as the rest of the project needs them.
+
+pub mod distance;
+pub mod polyline;

@@ -1,0 +1,73 @@
+//! Open polylines in space: arc length and resampling by it.
+
+use glam::Vec3;
+
+/// Arc length from the first point to each point; starts with 0. O(n).
+///
+/// ```
+/// use glam::Vec3;
+/// let l = common::geometry::polyline::cumulative_length(&[Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y]);
+/// assert_eq!(l, [0.0, 1.0, 2.0]);
+/// ```
+pub fn cumulative_length(points: &[Vec3]) -> Vec<f32> {
+    let mut total = 0.0;
+    points
+        .iter()
+        .enumerate()
+        .map(|(index, point)| {
+            if index > 0 {
+                total += point.distance(points[index - 1]);
+            }
+            total
+        })
+        .collect()
+}
+
+/// Arc length of the whole. O(n).
+pub fn length(points: &[Vec3]) -> f32 {
+    points.windows(2).map(|pair| pair[0].distance(pair[1])).sum()
+}
+
+/// Where arc length `s` falls in `cumulative` (ascending, at least two entries): the index of the
+/// segment's first point and the fraction along the segment, 0..=1. O(log n).
+pub fn locate(cumulative: &[f32], s: f32) -> (usize, f32) {
+    let last_segment = cumulative.len().saturating_sub(2);
+    let index = cumulative.partition_point(|l| *l <= s).saturating_sub(1).min(last_segment);
+    let span = cumulative.get(index + 1).copied().unwrap_or(0.0) - cumulative[index];
+    let fraction = if span > 0.0 { ((s - cumulative[index]) / span).clamp(0.0, 1.0) } else { 0.0 };
+    (index, fraction)
+}
+
+/// `count` points (≥ 2) at equal arc length along `points` (≥ 2), ends kept. O(n + count·log n).
+pub fn resample(points: &[Vec3], count: usize) -> Vec<Vec3> {
+    let cumulative = cumulative_length(points);
+    let total = *cumulative.last().expect("at least two points");
+    (0..count)
+        .map(|index| {
+            let (segment, t) = locate(&cumulative, total * index as f32 / (count - 1) as f32);
+            points[segment].lerp(points[segment + 1], t)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn resampling_keeps_the_ends_and_spaces_evenly() {
+        let points = [Vec3::ZERO, Vec3::X * 0.1, Vec3::X * 0.7, Vec3::X];
+        let even = resample(&points, 5);
+        for (index, point) in even.iter().enumerate() {
+            assert!(point.distance(Vec3::X * 0.25 * index as f32) < 1e-6, "{even:?}");
+        }
+    }
+
+    #[test]
+    fn locating_clamps_to_the_ends() {
+        let cumulative = [0.0, 1.0, 3.0];
+        assert_eq!(locate(&cumulative, -1.0), (0, 0.0));
+        assert_eq!(locate(&cumulative, 2.0), (1, 0.5));
+        assert_eq!(locate(&cumulative, 9.0), (1, 1.0));
+    }
+}

@@ -1,0 +1,3 @@
+//! `sward-render`.
+
+fn main() {}
