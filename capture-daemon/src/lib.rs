@@ -1,1 +1,4 @@
 //! The capture station as a library: its stages, its sources, its recordings and its service.
+
+pub mod frame;
+pub mod source;

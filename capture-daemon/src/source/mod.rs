@@ -1,0 +1,30 @@
+//! Where frames come from. Replay and hardware differ in this trait alone.
+
+use crate::frame::DepthFrame;
+
+/// A sensor or a recording. Blocking.
+pub trait FrameSource {
+    /// What it is, for logs and status lines: a path, a model and serial.
+    fn describe(&self) -> String;
+
+    /// The next frame.
+    ///
+    /// # Errors
+    /// [`SourceError::End`] after the last frame; [`SourceError::BadFrame`] for one that is skipped
+    /// (the next call goes on after it); all others end the source.
+    fn next_frame(&mut self) -> Result<DepthFrame, SourceError>;
+}
+
+/// Why there is no frame.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SourceError {
+    /// The recording is over.
+    #[error("the recording is over")]
+    End,
+    /// One frame cannot be used.
+    #[error("{0}")]
+    BadFrame(String),
+    /// Nothing more can be read.
+    #[error("{0}")]
+    Failed(String),
+}
