@@ -44,7 +44,7 @@ has_vulkan_driver() {
 find_rust() {
   local folder
   while read -r folder; do
-    [ -x "$folder/cargo" ] && [ -x "$folder/rustc" ] || continue
+    if ! [ -x "$folder/cargo" ] || ! [ -x "$folder/rustc" ]; then continue; fi
     at_least "$rust_needed" "$("$folder/cargo" --version 2>/dev/null | cut -d' ' -f2)" || continue
     at_least "$rust_needed" "$("$folder/rustc" --version 2>/dev/null | cut -d' ' -f2)" || continue
     export PATH="$folder:$PATH"
@@ -135,7 +135,8 @@ make_venv() {
   cmp -s "$wanted" "$venv/installed.txt" && return
   say "making target/venv with $(grep -cv '^#' "$wanted") Python packages"
   rm -rf "$venv"
-  python3 -m venv "$venv" >&2 &&
-    "$venv/bin/pip" install --quiet --disable-pip-version-check -r "$wanted" >&2 &&
-    cp "$wanted" "$venv/installed.txt" || fail "The Python packages of $wanted could not be installed."
+  if ! python3 -m venv "$venv" >&2 || ! "$venv/bin/pip" install --quiet -r "$wanted" >&2; then
+    fail "The Python packages of $wanted could not be installed."
+  fi
+  cp "$wanted" "$venv/installed.txt"
 }
