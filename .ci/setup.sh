@@ -82,7 +82,7 @@ install_missing() {
     apt_offers_rust || fail "No Rust $rust_needed or newer here, and apt offers none: install it from rustup and try again."
   fi
   as_root env DEBIAN_FRONTEND=noninteractive \
-    apt-get -qq -o Dpkg::Use-Pty=0 install -y --no-install-recommends "${missing[@]}" >&2 ||
+    apt-get -qq -o Dpkg::Use-Pty=0 install -y --no-install-recommends "${missing[@]}" >/dev/null ||
     fail "apt could not install: ${missing[*]}."
   missing=()
 }
