@@ -2,6 +2,7 @@
 
 pub mod programs;
 pub mod scan;
+pub mod station;
 
 use std::path::{Path, PathBuf};
 
