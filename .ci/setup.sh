@@ -105,17 +105,16 @@ need_vulkan() {
   need mesa-vulkan-drivers "Vulkan drivers, one of them in software" has_vulkan_driver
 }
 
-need_window() {
-  [ -n "${DISPLAY:-}${WAYLAND_DISPLAY:-}" ] || return
-  need libxkbcommon0 "the keyboard of a window" has_library libxkbcommon.so.0
-  if [ -n "${WAYLAND_DISPLAY:-}" ]; then
-    need libwayland-client0 "a window under Wayland" has_library libwayland-client.so.0
-  else
-    need libxkbcommon-x11-0 "the keyboard of a window under X11" has_library libxkbcommon-x11.so.0
-    need libx11-xcb1 "a window under X11" has_library libX11-xcb.so.1
-    need libxcursor1 "the pointer of a window under X11" has_library libXcursor.so.1
-    need libxi6 "the input of a window under X11" has_library libXi.so.6
-  fi
+need_x11() {
+  need libxkbcommon-x11-0 "the keyboard of a window under X11" has_library libxkbcommon-x11.so.0
+  need libx11-xcb1 "a window under X11" has_library libX11-xcb.so.1
+  need libxcursor1 "the pointer of a window under X11" has_library libXcursor.so.1
+  need libxi6 "the input of a window under X11" has_library libXi.so.6
+}
+
+need_wayland() {
+  need libxkbcommon0 "the keyboard of a window under Wayland" has_library libxkbcommon.so.0
+  need libwayland-client0 "a window under Wayland" has_library libwayland-client.so.0
 }
 
 need_lints() {
