@@ -1,7 +1,14 @@
 //! The capture station as a library: its stages, its sources, its recordings and its service.
 
+pub mod cli;
+pub mod config;
+pub mod control;
+pub mod daemon;
+pub mod explain;
 pub mod frame;
 pub mod pipeline;
+pub mod replay;
+pub mod session;
 pub mod source;
 pub mod stages;
 pub mod station;
