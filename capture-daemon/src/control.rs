@@ -16,7 +16,7 @@ use zlink::{ReadyListener, Server};
 
 /// A library that is offered: sealed, never changed again.
 #[derive(Debug)]
-pub struct Published {
+pub(crate) struct Published {
     generation: u64,
     blades: usize,
     size: usize,
@@ -25,7 +25,7 @@ pub struct Published {
 
 /// Why a library cannot be published.
 #[derive(Debug, thiserror::Error)]
-pub enum PublishError {
+pub(crate) enum PublishError {
     /// It cannot be written as bytes.
     #[error(transparent)]
     Library(#[from] LibraryError),
@@ -39,30 +39,30 @@ impl Published {
     ///
     /// # Errors
     /// Too many blades, or no memory or descriptor left.
-    pub fn new(generation: u64, blades: &[Blade]) -> Result<Self, PublishError> {
+    pub(crate) fn new(generation: u64, blades: &[Blade]) -> Result<Self, PublishError> {
         let bytes = encode(generation, blades)?;
         let memfd = seal("sward-library", &bytes)?;
         Ok(Self { generation, blades: blades.len(), size: bytes.len(), memfd })
     }
 
     /// Its generation.
-    pub fn generation(&self) -> u64 {
+    pub(crate) fn generation(&self) -> u64 {
         self.generation
     }
 
     /// Number of its blades.
-    pub fn blades(&self) -> usize {
+    pub(crate) fn blades(&self) -> usize {
         self.blades
     }
 }
 
 /// What the service tells its clients.
 #[derive(Clone, Debug)]
-pub struct Service {
+pub(crate) struct Service {
     /// The newest library.
-    pub library: watch::Receiver<Arc<Published>>,
+    pub(crate) library: watch::Receiver<Arc<Published>>,
     /// The newest status.
-    pub status: watch::Receiver<Status>,
+    pub(crate) status: watch::Receiver<Status>,
 }
 
 #[zlink::service(
@@ -103,7 +103,7 @@ impl Service {
 
 /// Why the socket cannot be listened on.
 #[derive(Debug, thiserror::Error)]
-pub enum BindError {
+pub(crate) enum BindError {
     /// Another process answers on it.
     #[error(
         "{path}: the socket is in use by another process, expected a free one; stop the other station or set service.socket to another path"
@@ -126,7 +126,7 @@ pub enum BindError {
 
 /// The socket while it is listened on; its file goes when it is dropped.
 #[derive(Debug)]
-pub struct Socket {
+pub(crate) struct Socket {
     listener: UnixListener,
     path: PathBuf,
 }
@@ -145,7 +145,7 @@ impl Socket {
     ///
     /// # Errors
     /// When another process answers on it, or the system refuses.
-    pub async fn bind(path: &Path) -> Result<Self, BindError> {
+    pub(crate) async fn bind(path: &Path) -> Result<Self, BindError> {
         let shown = || path.display().to_string();
         let refused = |source| BindError::Io { path: shown(), source };
         if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -163,7 +163,7 @@ impl Socket {
     }
 
     /// Serves every client in a task of its own, for ever. Needs a `LocalSet`.
-    pub async fn serve(&self, service: Service) {
+    pub(crate) async fn serve(&self, service: Service) {
         loop {
             match self.listener.accept().await {
                 Ok((stream, _)) => {

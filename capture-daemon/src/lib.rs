@@ -2,13 +2,15 @@
 
 pub mod cli;
 pub mod config;
-pub mod control;
+mod control;
 pub mod daemon;
 pub mod explain;
 pub mod frame;
 pub mod pipeline;
+pub mod recording;
 pub mod replay;
 pub mod session;
 pub mod source;
 pub mod stages;
 pub mod station;
+pub mod synth;

@@ -34,7 +34,12 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
     match verb {
         Verb::Run(args) => daemon::run(&load(args)?),
         Verb::Replay(args) => replay::replay(args, &load(&args.config)?),
-        Verb::Synth(args) => synth::run(args),
+        Verb::Synth(args) => {
+            for path in synth::run(args)? {
+                println!("{}", path.display());
+            }
+            Ok(())
+        }
         Verb::CheckConfig(args) => load(args).map(drop),
     }
 }

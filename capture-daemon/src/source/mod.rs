@@ -1,5 +1,7 @@
 //! Where frames come from. Replay and hardware differ in this trait alone.
 
+pub mod synthetic;
+
 use crate::frame::DepthFrame;
 
 /// A sensor or a recording. Blocking.

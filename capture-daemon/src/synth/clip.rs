@@ -1,0 +1,135 @@
+//! A clip: an empty picture, a scene that is held still, an empty picture again.
+
+use std::ops::Range;
+
+use super::random::Random;
+use super::scene::Scene;
+use super::sensor::{DEPTH_UNIT_M, Sensor};
+use super::surface::Surface;
+use crate::frame::{CameraModel, DepthFrame, MAX_PIXELS};
+use crate::recording::START_NS;
+
+/// Focal length over the picture's width: 570 px of 640.
+const FOCAL_OVER_WIDTH: f64 = 570.0 / 640.0;
+
+/// How a scene is filmed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClipParams {
+    /// Columns, 16..=4096.
+    pub width: usize,
+    /// Rows, 16..=4096.
+    pub height: usize,
+    /// Scale of the sensor's errors: 1 like a real one, 0 none; 0..=10.
+    pub noise: f64,
+    /// Frames, 1..=100 000, the empty ones before and after included.
+    pub frames: usize,
+    /// Frames each second, > 0.
+    pub fps: f64,
+}
+
+impl Default for ClipParams {
+    fn default() -> Self {
+        Self { width: 640, height: 480, noise: 1.0, frames: 45, fps: 30.0 }
+    }
+}
+
+/// A number of [`ClipParams`] is out of its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{what} is {found}; expected {expected}")]
+pub struct ClipParamsError {
+    what: &'static str,
+    found: String,
+    expected: &'static str,
+}
+
+impl ClipParams {
+    fn check(&self) -> Result<(), ClipParamsError> {
+        let error = |what, found: String, expected| Err(ClipParamsError { what, found, expected });
+        let sides_fit = [self.width, self.height].iter().all(|side| (16..=4096).contains(side));
+        if !sides_fit || self.width * self.height > MAX_PIXELS {
+            let found = format!("{}x{}", self.width, self.height);
+            return error(
+                "the size",
+                found,
+                "sides of 16 to 4096 pixels, 1310720 pixels (1280x1024) at most",
+            );
+        }
+        if !(0.0..=10.0).contains(&self.noise) {
+            return error("the noise", self.noise.to_string(), "0 to 10");
+        }
+        if !(1..=100_000).contains(&self.frames) {
+            return error("the number of frames", self.frames.to_string(), "1 to 100000");
+        }
+        if !(0.001..=1000.0).contains(&self.fps) {
+            return error("the frame rate", self.fps.to_string(), "0.001 to 1000 frames a second");
+        }
+        Ok(())
+    }
+
+    /// The camera that takes such pictures: 58° wide, looking straight ahead.
+    pub fn camera(&self) -> CameraModel {
+        let focal = FOCAL_OVER_WIDTH * self.width as f64;
+        let (cx, cy) = (0.5 * (self.width as f64 - 1.0), 0.5 * (self.height as f64 - 1.0));
+        CameraModel { fx: focal, fy: focal, cx, cy }
+    }
+}
+
+/// A scene, filmed. Frames are made when asked for, each the same however often and in whatever
+/// order.
+pub struct Clip {
+    scene: Scene,
+    params: ClipParams,
+    sensor: Sensor,
+    surface: Surface,
+}
+
+impl Clip {
+    /// Films a scene.
+    ///
+    /// # Errors
+    /// When a parameter is out of its range.
+    pub fn new(scene: Scene, params: ClipParams) -> Result<Self, ClipParamsError> {
+        params.check()?;
+        let camera = params.camera();
+        let sensor = Sensor { width: params.width, height: params.height, camera, noise: params.noise };
+        let surface = Surface::draw(&scene.blades, &camera);
+        Ok(Self { scene, params, sensor, surface })
+    }
+
+    /// What is filmed.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// How it is filmed.
+    pub fn params(&self) -> &ClipParams {
+        &self.params
+    }
+
+    /// The frames that show the scene: all but up to 8 before it and up to 5 after it.
+    pub fn visible(&self) -> Range<usize> {
+        let frames = self.params.frames;
+        (frames / 6).min(8)..frames - (frames / 8).min(5)
+    }
+
+    /// Frame `index`, from 0; those behind the last show the empty wall. Depth in millimetres;
+    /// the first is taken at [`START_NS`].
+    pub fn frame(&self, index: usize) -> DepthFrame {
+        // Stream 0 is the scene's.
+        let mut random = Random::new(self.scene.seed, index as u64 + 1);
+        let surface = self.visible().contains(&index).then_some(&self.surface);
+        DepthFrame {
+            width: self.params.width,
+            height: self.params.height,
+            depth: self.sensor.take(surface, &mut random),
+            depth_unit_m: DEPTH_UNIT_M,
+            timestamp_ns: START_NS + index as u64 * (1e9 / self.params.fps) as u64,
+            camera: self.sensor.camera,
+        }
+    }
+
+    /// All frames in order.
+    pub fn frames(&self) -> impl Iterator<Item = DepthFrame> + '_ {
+        (0..self.params.frames).map(|index| self.frame(index))
+    }
+}

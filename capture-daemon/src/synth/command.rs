@@ -1,0 +1,134 @@
+//! The verb `synth`: clips and their truth as files.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+
+use super::clip::{Clip, ClipParams};
+use super::scene::{FAMILIES, Family, Scene};
+use super::truth::Truth;
+use crate::recording::{McapWriter, PngWriter, RecordingInfo, WriteError};
+
+/// Form of the recordings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// One MCAP file each, with ROS 2 messages.
+    #[default]
+    Mcap,
+    /// One folder of 16-bit PNGs each.
+    Png,
+}
+
+/// Which scenes to film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Families {
+    /// One blade, its root below.
+    Single,
+    /// Three to six blades side by side that do not touch.
+    Row,
+    /// Each family in turn.
+    All,
+}
+
+/// Writes recordings of synthetic blades, each with its truth beside it.
+#[derive(Clone, Debug, clap::Args)]
+pub struct SynthArgs {
+    /// Folder to write to; made if it is not there. Example: --out clips
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Seed of the first clip of each family; the next clips have the seeds after it. The same seed
+    /// gives the same frames on every machine. Example: --seed 42
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Family of the scenes; may be given more than once or as a list. Example: --family single,row
+    #[arg(long, value_name = "FAMILY", value_enum, value_delimiter = ',', default_value = "all")]
+    pub family: Vec<Families>,
+    /// Clips of each family. Example: --clips 5
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub clips: u64,
+    /// Columns and rows in pixels, 1280x1024 at most. Example: --size 512x424
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = parse_size)]
+    pub size: (usize, usize),
+    /// Errors of the sensor: 1 like a real one, 0 none, 10 at most. Example: --noise 0.5
+    #[arg(long, value_name = "F", default_value_t = 1.0)]
+    pub noise: f64,
+    /// Frames of each clip at 30 a second, the empty ones before and after included. Example: --frames 60
+    #[arg(long, value_name = "N", default_value_t = 45)]
+    pub frames: usize,
+    /// Form of the recordings. Example: --format png
+    #[arg(long, value_name = "FORMAT", value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// `640x480` as columns and rows.
+fn parse_size(text: &str) -> Result<(usize, usize), String> {
+    let sides =
+        text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+    sides.ok_or_else(|| format!("{text:?} is not a size; expected columns x rows in pixels, such as 640x480"))
+}
+
+/// Writes the clips that are asked for; the paths of their recordings.
+///
+/// # Errors
+/// When a parameter is out of its range, or a file cannot be written.
+pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
+    let (width, height) = args.size;
+    let params =
+        ClipParams { width, height, noise: args.noise, frames: args.frames, ..ClipParams::default() };
+    let wanted = |family: Family| {
+        args.family.iter().any(|&wanted| match wanted {
+            Families::All => true,
+            Families::Single => family == Family::Single,
+            Families::Row => family == Family::Row,
+        })
+    };
+    let mut paths = Vec::new();
+    for family in FAMILIES.into_iter().filter(|&family| wanted(family)) {
+        for seed in (args.seed..).take(args.clips as usize) {
+            let clip = Clip::new(Scene::new(family, seed), params)?;
+            paths.push(write(&args.out, &clip, args.format)?);
+        }
+    }
+    Ok(paths)
+}
+
+/// Writes a clip and its truth into a folder, which is made if it is not there: `single-1.mcap` (or a
+/// folder `single-1`) and `single-1.truth.json` for seed 1 of the family `single`. The path of the
+/// recording.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write(out: &Path, clip: &Clip, format: Format) -> anyhow::Result<PathBuf> {
+    std::fs::create_dir_all(out).with_context(|| format!("{}: the folder cannot be made", out.display()))?;
+    let name = format!("{}-{}", clip.scene().family.name(), clip.scene().seed);
+    let path = match format {
+        Format::Mcap => out.join(format!("{name}.mcap")),
+        Format::Png => out.join(&name),
+    };
+    write_frames(&path, clip, format)?;
+    let truth_path = out.join(format!("{name}.truth.json"));
+    let mut truth = serde_json::to_string(&Truth::of(clip)).context("the truth cannot be written as JSON")?;
+    // One knot on a line: readable, and short.
+    truth = truth.replace("{\"camera_m\"", "\n{\"camera_m\"").replace("{\"shape\"", "\n{\"shape\"");
+    truth.push('\n');
+    std::fs::write(&truth_path, truth)
+        .with_context(|| format!("{}: cannot be written", truth_path.display()))?;
+    Ok(path)
+}
+
+fn write_frames(path: &Path, clip: &Clip, format: Format) -> Result<(), WriteError> {
+    match format {
+        Format::Mcap => {
+            let info =
+                RecordingInfo { sensor: "Sward synthetic sensor".to_owned(), ..RecordingInfo::default() };
+            let mut writer = McapWriter::create(path, info)?;
+            clip.frames().try_for_each(|frame| writer.write(&frame))?;
+            writer.finish()?;
+        }
+        Format::Png => {
+            let mut writer = PngWriter::create(path, clip.params().fps)?;
+            clip.frames().try_for_each(|frame| writer.write(&frame))?;
+        }
+    }
+    Ok(())
+}
