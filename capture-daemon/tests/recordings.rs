@@ -67,6 +67,20 @@ fn a_recording_cut_anywhere_gives_a_prefix_of_its_frames() {
     assert_eq!(most, whole.len(), "the last cut is within the summary");
 }
 
+#[test]
+fn of_a_chunk_cut_off_most_messages_are_read() {
+    let params = ClipParams { width: 320, height: 240, frames: 12, ..ClipParams::default() };
+    let clip = Clip::new(Scene::new(Family::Row, 1), params).expect("the parameters are in range");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = synth::write(folder.path(), &clip, Format::Mcap, 0).expect("written");
+    let bytes = fs::read(&path).expect("readable");
+    // Twelve frames of 150 kB are one chunk.
+    fs::write(&path, &bytes[..bytes.len() * 3 / 4]).expect("written");
+    let (frames, skipped) = read(&path);
+    assert!((7..=9).contains(&frames.len()), "{} of 12 frames", frames.len());
+    assert_eq!(skipped, Vec::<String>::new());
+}
+
 /// The sentence that says why a path cannot be opened.
 fn refusal(path: &Path) -> String {
     let error = recording::open(path, &OpenOptions::default()).err().expect("not a recording").to_string();

@@ -157,7 +157,7 @@ impl<R: Read + Seek> RecordReader<R> {
         self.read(FRAMING_LEN, at)?;
         let opcode = self.buffer[0];
         let len = Fields(&self.buffer[1..]).u64().expect("the framing holds a length");
-        let end = self.position.checked_add(len).unwrap_or(u64::MAX);
+        let end = self.position.saturating_add(len);
         if let Place::PlainChunk(chunk) = self.place
             && end > chunk.data_end
         {
@@ -208,7 +208,7 @@ impl<R: Read + Seek> RecordReader<R> {
         self.read(u64::from(name_len) + 8, at)?;
         let mut fields = Fields(&self.buffer[name_len as usize..]);
         let data_len = fields.u64().expect("eight bytes were read");
-        let data_end = data_start.checked_add(data_len).unwrap_or(u64::MAX);
+        let data_end = data_start.saturating_add(data_len);
         if data_end > end {
             self.skip_to(end.min(self.file_len))?;
             let reason = "its data reach beyond it".into();

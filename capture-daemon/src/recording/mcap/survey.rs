@@ -61,6 +61,8 @@ struct Survey {
     schemas: BTreeMap<u16, (String, bool)>,
     channels: BTreeMap<u16, String>,
     topics: BTreeMap<String, Topic>,
+    /// The first part of the file that could not be read.
+    damage: Option<String>,
 }
 
 impl Survey {
@@ -112,20 +114,23 @@ impl Survey {
             match reader.next() {
                 Ok(Some(record)) => self.note(record),
                 Ok(None) | Err(RecordError::CutShort(_)) => break,
-                // The replay tells of them.
-                Err(RecordError::Damaged { .. }) => {}
+                Err(error @ RecordError::Damaged { .. }) => {
+                    self.damage.get_or_insert(error.to_string());
+                }
                 Err(RecordError::Io(error)) => return Err(error),
             }
         }
         Ok(())
     }
 
+    /// What there is, for a message.
     fn listed(&self) -> String {
         let topics: Vec<String> = self.topics.iter().map(|(name, topic)| topic.describe(name)).collect();
+        let damage = self.damage.as_deref().map(|damage| format!(", and {damage}")).unwrap_or_default();
         if topics.is_empty() {
-            "it has no topics".to_owned()
+            format!("it has no topics{damage}")
         } else {
-            format!("it has {}", topics.join(", "))
+            format!("it has {}{damage}", topics.join(", "))
         }
     }
 
