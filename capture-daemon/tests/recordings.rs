@@ -81,6 +81,28 @@ fn of_a_chunk_cut_off_most_messages_are_read() {
     assert_eq!(skipped, Vec::<String>::new());
 }
 
+#[test]
+fn a_damaged_chunk_costs_frames_of_its_own_only() {
+    let params = ClipParams { width: 64, height: 48, frames: 90, ..ClipParams::default() };
+    let clip = Clip::new(Scene::new(Family::Row, 1), params).expect("the parameters are in range");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = synth::write(folder.path(), &clip, Format::Mcap, 0).expect("written");
+    let mut bytes = fs::read(&path).expect("readable");
+    // Three chunks of about a second each: the middle of the file is the middle of the second.
+    let middle = bytes.len() / 2;
+    bytes[middle..middle + 64].fill(0xa5);
+    fs::write(&path, bytes).expect("written");
+    let (frames, skipped) = read(&path);
+    assert_eq!(skipped.len(), 1);
+    assert!(skipped[0].contains("the chunk at byte") && skipped[0].contains("damaged"), "{}", skipped[0]);
+    let times: Vec<u64> =
+        frames.iter().map(|frame| (frame.timestamp_ns - recording::START_NS) / 1_000_000_000).collect();
+    for second in [0, 2] {
+        assert!(times.iter().filter(|&&time| time == second).count() >= 28, "{times:?}");
+    }
+    assert!(times.iter().filter(|&&time| time == 1).count() < 30, "{times:?}");
+}
+
 /// The sentence that says why a path cannot be opened.
 fn refusal(path: &Path) -> String {
     let error = recording::open(path, &OpenOptions::default()).err().expect("not a recording").to_string();

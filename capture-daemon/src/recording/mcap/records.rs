@@ -10,8 +10,10 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// The bytes that an MCAP file begins and ends with.
 pub(in crate::recording) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
-/// Longest record that is read: an image of 1280×1024 has 5 MB. Longer ones are passed over.
+/// Longest message that is read: an image of 1280×1024 has 5 MB. Longer ones are passed over.
 const MAX_RECORD_LEN: u64 = 64 << 20;
+/// Longest record of another kind that is read.
+const MAX_OTHER_LEN: u64 = 1 << 20;
 /// Bytes handed to the decompressor at a time.
 const FEED_LEN: usize = 128 << 10;
 /// A record's kind and length.
@@ -177,9 +179,7 @@ impl<R: Read + Seek> RecordReader<R> {
                 Ok(None)
             }
             _ if end > self.file_len => Err(self.cut_short(at)),
-            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA | op::STATISTICS
-                if len <= MAX_RECORD_LEN =>
-            {
+            _ if matters(opcode, len) => {
                 self.read(len, at)?;
                 Ok(Some(opcode))
             }
@@ -237,7 +237,7 @@ impl<R: Read + Seek> RecordReader<R> {
         loop {
             let reason = match self.chunk.next_event() {
                 Some(Ok(LinearReadEvent::Record { data, opcode })) => {
-                    if matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+                    if matters(opcode, data.len() as u64) {
                         self.buffer.clear();
                         self.buffer.extend_from_slice(data);
                         return Ok(Some(opcode));
@@ -298,6 +298,15 @@ impl<R: Read + Seek> RecordReader<R> {
     fn cut_short(&mut self, at: u64) -> RecordError {
         self.place = Place::End;
         RecordError::CutShort(at)
+    }
+}
+
+/// Whether a record is read.
+fn matters(opcode: u8, len: u64) -> bool {
+    match opcode {
+        op::MESSAGE => len <= MAX_RECORD_LEN,
+        op::SCHEMA | op::CHANNEL | op::METADATA | op::STATISTICS => len <= MAX_OTHER_LEN,
+        _ => false,
     }
 }
 

@@ -9,6 +9,11 @@ use crate::frame::CameraModel;
 use crate::recording::ros2::{self, CameraInfo, Image, MessageError};
 use crate::recording::{OpenError, OpenOptions};
 
+/// Most topics that are looked at: what a survey remembers is bounded, whatever the file says.
+const MAX_TOPICS: usize = 4096;
+/// Longest name of a topic, bytes.
+const MAX_TOPIC_LEN: usize = 1024;
+
 /// What to replay.
 pub(super) struct Selection {
     /// Topic of the depth images.
@@ -71,6 +76,9 @@ impl Survey {
             Record::Schema { id, name, encoding } => {
                 self.schemas.insert(id, (name.to_owned(), encoding == "ros2msg"));
             }
+            Record::Channel { topic, .. }
+                if topic.len() > MAX_TOPIC_LEN
+                    || self.topics.len() >= MAX_TOPICS && !self.topics.contains_key(topic) => {}
             Record::Channel { id, schema, topic, message_encoding } => {
                 let (schema, ros2msg) = self.schemas.get(&schema).cloned().unwrap_or_default();
                 let known = self.topics.entry(topic.to_owned()).or_default();
