@@ -1,3 +1,91 @@
-//! `sward-capture`.
+//! `sward-capture`: the capture station.
 
-fn main() {}
+use std::process::ExitCode;
+
+use capture_daemon::cli::{Cli, ConfigArgs, Verb};
+use capture_daemon::config::{self, Config, ConfigError};
+use capture_daemon::{daemon, recording, replay, synth};
+use clap::Parser;
+use clap::error::ErrorKind;
+
+/// Anything that prevents running.
+const FAILED: u8 = 1;
+/// Bad arguments or configuration.
+const BAD_ARGUMENTS: u8 = 2;
+/// A recording that is missing or from which not one frame can be read.
+const BAD_RECORDING: u8 = 3;
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return refuse_arguments(&error),
+    };
+    log_to_stderr();
+    match perform(&cli.verb) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("sward-capture: {error:#}.");
+            ExitCode::from(exit_code(&error))
+        }
+    }
+}
+
+fn perform(verb: &Verb) -> anyhow::Result<()> {
+    match verb {
+        Verb::Run(args) => daemon::run(&load(args)?),
+        Verb::Replay(args) => replay::replay(args, &load(&args.config)?),
+        Verb::Synth(args) => {
+            for path in synth::run(args)? {
+                println!("{}", path.display());
+            }
+            Ok(())
+        }
+        Verb::CheckConfig(args) => load(args).map(drop),
+    }
+}
+
+fn load(args: &ConfigArgs) -> anyhow::Result<Config> {
+    Ok(config::load(args.config.as_deref(), &args.sets)?)
+}
+
+fn exit_code(error: &anyhow::Error) -> u8 {
+    if error.is::<ConfigError>() {
+        BAD_ARGUMENTS
+    } else if error.is::<recording::OpenError>() {
+        BAD_RECORDING
+    } else {
+        FAILED
+    }
+}
+
+/// One sentence for what clap says in a paragraph.
+fn refuse_arguments(error: &clap::Error) -> ExitCode {
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+            print!("{error}");
+            ExitCode::SUCCESS
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand => {
+            eprintln!(
+                "sward-capture: no verb was given, expected one such as run or replay; see sward-capture --help."
+            );
+            ExitCode::from(BAD_ARGUMENTS)
+        }
+        _ => {
+            let text = error.to_string();
+            let paragraphs =
+                text.split("\n\n").filter(|part| !part.starts_with("Usage") && !part.starts_with("For more"));
+            let words = paragraphs.collect::<Vec<_>>().join("; ");
+            let sentence =
+                words.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" ");
+            eprintln!("sward-capture: {sentence}; see sward-capture --help.");
+            ExitCode::from(BAD_ARGUMENTS)
+        }
+    }
+}
+
+fn log_to_stderr() {
+    let filter = tracing_subscriber::EnvFilter::try_from_env("SWARD_LOG")
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).init();
+}

@@ -7,5 +7,6 @@ pub mod blade;
 pub mod geometry;
 pub mod library;
 pub mod protocol;
-
+pub mod refine;
 pub mod sealed;
+pub mod strand;

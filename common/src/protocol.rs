@@ -61,4 +61,6 @@ pub enum StationError {
         /// What was sent.
         after: i64,
     },
+    /// The station has no file descriptor left for the reply; try again.
+    OutOfDescriptors,
 }

@@ -1,0 +1,179 @@
+//! Skeleton refinement by movement similarity: a skeleton of many vertices to one of few, by
+//! merging the two neighbours that move most alike until few enough are left.
+//!
+//! # Source
+//! Fan & Sheng §4.4, Eq. 1–3 and Algorithm 1, mended: the variance is one (E\[d²\] − E\[d\]²) and enters
+//! by its square root, so that both terms are lengths, divided by the blade's; the vertices are
+//! replaced in the skeleton, not in the array of differences; root and tip stay where they are;
+//! widths and cross directions are merged with the positions.
+
+use glam::Vec3;
+
+use crate::blade::Knot;
+use crate::geometry::{distance, polyline};
+use crate::strand::Motion;
+
+/// What to refine to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RefineParams {
+    /// Knots to keep, ≥ 2.
+    pub knots: usize,
+    /// μ of Eq. 1, 0..=1: how much distance counts against the spread of that distance over time.
+    pub distance_weight: f32,
+}
+
+impl Default for RefineParams {
+    fn default() -> Self {
+        Self { knots: 16, distance_weight: 0.5 }
+    }
+}
+
+/// A refined skeleton.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Refined {
+    /// Its knots, root and tip as before.
+    pub knots: Vec<Knot>,
+    /// Hausdorff distance of its midrib to the one before, metres (Eq. 4).
+    pub hausdorff_m: f32,
+}
+
+/// Merges neighbours until `params.knots` are left. Skeletons that have no more come back as they
+/// are.
+///
+/// `skeleton`: ≥ 2 knots from root to tip; `motion`: the same vertices at some moments, as
+/// [`crate::strand::motion_in_wind`] gives them. O(n² + n·frames).
+///
+/// # Panics
+/// When a frame of `motion` has another number of vertices than the skeleton.
+pub fn refine(skeleton: &[Knot], motion: &Motion, params: &RefineParams) -> Refined {
+    let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
+    let length = polyline::length(&midrib).max(f32::MIN_POSITIVE);
+    let mut knots = skeleton.to_vec();
+    let mut tracks: Vec<Vec<Vec3>> =
+        (0..knots.len()).map(|vertex| motion.iter().map(|frame| frame[vertex]).collect()).collect();
+    let difference = |a: &[Vec3], b: &[Vec3]| movement_difference(a, b, length, params.distance_weight);
+    let mut differences: Vec<f32> = tracks.windows(2).map(|pair| difference(&pair[0], &pair[1])).collect();
+    while knots.len() > params.knots.max(2) {
+        let at = differences
+            .iter()
+            .enumerate()
+            .min_by(|a, b| a.1.total_cmp(b.1))
+            .map(|(index, _)| index)
+            .expect("more than two knots have a difference");
+        if at == 0 {
+            knots.remove(1);
+            tracks.remove(1);
+        } else if at + 2 == knots.len() {
+            knots.remove(at);
+            tracks.remove(at);
+        } else {
+            knots[at] = merged(&knots[at], &knots[at + 1]);
+            let other = tracks.remove(at + 1);
+            for (mine, theirs) in tracks[at].iter_mut().zip(other) {
+                *mine = mine.midpoint(theirs);
+            }
+            knots.remove(at + 1);
+        }
+        differences.remove(at);
+        for pair in at.saturating_sub(1)..(at + 1).min(differences.len()) {
+            differences[pair] = difference(&tracks[pair], &tracks[pair + 1]);
+        }
+    }
+    let refined: Vec<Vec3> = knots.iter().map(|knot| knot.position).collect();
+    Refined { hausdorff_m: distance::hausdorff(&midrib, &refined), knots }
+}
+
+/// D of Eq. 1 for two vertices' positions over time, as a share of the blade's length.
+fn movement_difference(a: &[Vec3], b: &[Vec3], length: f32, distance_weight: f32) -> f32 {
+    let n = a.len().max(1) as f32;
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for (a, b) in a.iter().zip(b) {
+        let squared = a.distance_squared(*b);
+        sum += squared.sqrt();
+        squares += squared;
+    }
+    let mean = sum / n;
+    let spread = (squares / n - mean * mean).max(0.0).sqrt();
+    (mean * distance_weight + spread * (1.0 - distance_weight)) / length
+}
+
+fn merged(a: &Knot, b: &Knot) -> Knot {
+    Knot {
+        position: a.position.midpoint(b.position),
+        half_width_left: 0.5 * (a.half_width_left + b.half_width_left),
+        across: (a.across + b.across).normalize_or(a.across),
+        half_width_right: 0.5 * (a.half_width_right + b.half_width_right),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blade::check_knots;
+    use crate::strand::motion_in_wind;
+
+    fn skeleton(n: usize) -> Vec<Knot> {
+        (0..n)
+            .map(|i| {
+                let t = i as f32 / (n - 1) as f32;
+                let a = 1.4 * t * t;
+                Knot {
+                    position: Vec3::new(1.0 - a.cos(), t, a.sin() * 0.3) * 0.2,
+                    half_width_left: 0.005 * (1.0 - t),
+                    across: Vec3::X,
+                    half_width_right: 0.006 * (1.0 - t),
+                }
+            })
+            .collect()
+    }
+
+    fn refined(n: usize, knots: usize, distance_weight: f32) -> Refined {
+        let skeleton = skeleton(n);
+        let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
+        let motion = motion_in_wind(&midrib, 16);
+        refine(&skeleton, &motion, &RefineParams { knots, distance_weight })
+    }
+
+    #[test]
+    fn root_and_tip_stay_and_the_knots_stay_valid() {
+        for knots in [64, 32, 16, 8, 2] {
+            for weight in [0.0, 0.5, 1.0] {
+                let refined = refined(128, knots, weight);
+                assert_eq!(refined.knots.len(), knots);
+                assert_eq!(check_knots(&refined.knots), Ok(()));
+                assert_eq!(refined.knots[0], skeleton(128)[0]);
+                assert_eq!(refined.knots[knots - 1], skeleton(128)[127]);
+            }
+        }
+    }
+
+    #[test]
+    fn fewer_knots_are_farther_from_the_skeleton() {
+        let far = |knots| refined(128, knots, 0.5).hausdorff_m;
+        assert!(far(64) < far(16) && far(16) < far(4), "{} {} {}", far(64), far(16), far(4));
+        assert!(far(16) < 0.002, "{}", far(16));
+    }
+
+    #[test]
+    fn a_skeleton_that_is_small_enough_is_left_alone() {
+        let refined = refined(16, 16, 0.5);
+        assert_eq!(refined.knots, skeleton(16));
+        assert_eq!(refined.hausdorff_m, 0.0);
+    }
+
+    #[test]
+    fn vertices_that_move_apart_are_kept() {
+        let skeleton = skeleton(9);
+        let rest: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
+        // The chain is rigid but between vertices 3 and 4, which come and go.
+        let motion: Motion = (0..8)
+            .map(|frame| {
+                let gap = Vec3::Y * 0.05 * (frame % 2) as f32;
+                rest.iter().enumerate().map(|(i, p)| if i > 3 { *p + gap } else { *p }).collect()
+            })
+            .collect();
+        let refined = refine(&skeleton, &motion, &RefineParams { knots: 8, distance_weight: 0.0 });
+        let kept = |knot: &Knot| refined.knots.contains(knot);
+        assert!(kept(&skeleton[3]) && kept(&skeleton[4]), "{refined:?}");
+    }
+}

@@ -1,1 +1,12 @@
-//! What the cross-crate tests share: where the programs are and how to run them.
+//! What the cross-crate tests share: the programs and how to run them, and reading source as text.
+
+pub mod programs;
+pub mod scan;
+pub mod station;
+
+use std::path::{Path, PathBuf};
+
+/// The workspace's folder.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the crate lies in the workspace").to_owned()
+}

@@ -1,4 +1,5 @@
-//! Curves in space as the rest of the project needs them.
+//! Curves as the rest of the project needs them.
 
 pub mod distance;
 pub mod polyline;
+pub mod smooth;

@@ -1,6 +1,32 @@
-//! Open polylines in space: arc length and resampling by it.
+//! Open polylines in the plane or in space: arc length and resampling by it.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
+
+/// What a polyline is made of.
+pub trait Point: Copy {
+    /// Euclidean distance.
+    fn distance_to(self, other: Self) -> f32;
+    /// The point at `t` of the way to `other`.
+    fn toward(self, other: Self, t: f32) -> Self;
+}
+
+impl Point for Vec2 {
+    fn distance_to(self, other: Self) -> f32 {
+        self.distance(other)
+    }
+    fn toward(self, other: Self, t: f32) -> Self {
+        self.lerp(other, t)
+    }
+}
+
+impl Point for Vec3 {
+    fn distance_to(self, other: Self) -> f32 {
+        self.distance(other)
+    }
+    fn toward(self, other: Self, t: f32) -> Self {
+        self.lerp(other, t)
+    }
+}
 
 /// Arc length from the first point to each point; starts with 0. O(n).
 ///
@@ -9,14 +35,14 @@ use glam::Vec3;
 /// let l = common::geometry::polyline::cumulative_length(&[Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y]);
 /// assert_eq!(l, [0.0, 1.0, 2.0]);
 /// ```
-pub fn cumulative_length(points: &[Vec3]) -> Vec<f32> {
+pub fn cumulative_length<P: Point>(points: &[P]) -> Vec<f32> {
     let mut total = 0.0;
     points
         .iter()
         .enumerate()
         .map(|(index, point)| {
             if index > 0 {
-                total += point.distance(points[index - 1]);
+                total += point.distance_to(points[index - 1]);
             }
             total
         })
@@ -24,8 +50,8 @@ pub fn cumulative_length(points: &[Vec3]) -> Vec<f32> {
 }
 
 /// Arc length of the whole. O(n).
-pub fn length(points: &[Vec3]) -> f32 {
-    points.windows(2).map(|pair| pair[0].distance(pair[1])).sum()
+pub fn length<P: Point>(points: &[P]) -> f32 {
+    points.windows(2).map(|pair| pair[0].distance_to(pair[1])).sum()
 }
 
 /// Where arc length `s` falls in `cumulative` (ascending, at least two entries): the index of the
@@ -39,13 +65,13 @@ pub fn locate(cumulative: &[f32], s: f32) -> (usize, f32) {
 }
 
 /// `count` points (≥ 2) at equal arc length along `points` (≥ 2), ends kept. O(n + count·log n).
-pub fn resample(points: &[Vec3], count: usize) -> Vec<Vec3> {
+pub fn resample<P: Point>(points: &[P], count: usize) -> Vec<P> {
     let cumulative = cumulative_length(points);
     let total = *cumulative.last().expect("at least two points");
     (0..count)
         .map(|index| {
             let (segment, t) = locate(&cumulative, total * index as f32 / (count - 1) as f32);
-            points[segment].lerp(points[segment + 1], t)
+            points[segment].toward(points[segment + 1], t)
         })
         .collect()
 }

@@ -1,0 +1,141 @@
+# shellcheck shell=bash
+# What the targets of the Makefile share: it brings a machine to the point where they can work.
+# Sourced, not run. Quiet and quick where nothing is missing; else it says each thing that it
+# installs and why, and uses sudo only where it is not root.
+
+set -u
+rust_needed=$(sed -n 's/^rust-version *= *"\(.*\)"/\1/p' Cargo.toml)
+missing=()
+export PATH="$PATH:$HOME/.cargo/bin"
+
+say() { printf '%s\n' "$*" >&2; }
+fail() { say "$*"; exit 1; }
+
+# at_least WANTED FOUND
+at_least() { [ -n "$2" ] && printf '%s\n%s\n' "$1" "$2" | sort -VC; }
+
+as_root() {
+  if [ "$(id -u)" = 0 ]; then
+    "$@"
+  elif command -v sudo >/dev/null; then
+    sudo "$@"
+  else
+    fail "Installing needs root: run this as root, or install sudo, or install by hand: ${missing[*]}."
+  fi
+}
+
+# need PACKAGE WHY CHECK...: notes the package if the check fails.
+need() {
+  local package=$1 why=$2
+  shift 2
+  "$@" >/dev/null 2>&1 && return
+  missing+=("$package")
+  say "missing: $package, $why"
+}
+
+has_library() { /sbin/ldconfig -p | grep -F "$1"; }
+has_file() { [ -e "$1" ]; }
+has_vulkan_driver() {
+  [ -n "${VK_ICD_FILENAMES:-}${VK_DRIVER_FILES:-}" ] || compgen -G '/usr/share/vulkan/icd.d/*.json' ||
+    compgen -G '/etc/vulkan/icd.d/*.json'
+}
+
+# The first cargo and rustc of one folder of PATH that are new enough go to the front of PATH.
+find_rust() {
+  local folder
+  while read -r folder; do
+    if ! [ -x "$folder/cargo" ] || ! [ -x "$folder/rustc" ]; then continue; fi
+    at_least "$rust_needed" "$("$folder/cargo" --version 2>/dev/null | cut -d' ' -f2)" || continue
+    at_least "$rust_needed" "$("$folder/rustc" --version 2>/dev/null | cut -d' ' -f2)" || continue
+    export PATH="$folder:$PATH"
+    return 0
+  done < <(tr : '\n' <<<"$PATH:/usr/bin")
+  return 1
+}
+
+apt_offers_rust() {
+  at_least "$rust_needed" "$(apt-cache policy rustc-web 2>/dev/null | awk '/Candidate:/ { print $2 }')"
+}
+
+# The newer Rust comes with Debian's security updates, which a bare machine may not have listed.
+add_security_source() {
+  local list=/etc/apt/sources.list.d/bookworm-security.list
+  grep -qx 'VERSION_CODENAME=bookworm' /etc/os-release && grep -qx 'ID=debian' /etc/os-release || return
+  has_file "$list" && return
+  say "adding Debian's bookworm-security to apt's sources ($list), for Rust $rust_needed or newer"
+  echo 'deb MIRROR/debian-security bookworm-security main' | as_root tee "$list" >/dev/null
+  as_root apt-get -qq update >&2
+}
+
+install_missing() {
+  [ ${#missing[@]} -gt 0 ] || return 0
+  if ! command -v apt-get >/dev/null; then
+    say "This is not a Debian-like system: please install by its own means what is named above (Debian's names)."
+    command -v cc >/dev/null || fail "Without a C compiler nothing can be built."
+    missing=()
+    return 0
+  fi
+  say "installing with apt: ${missing[*]}"
+  as_root apt-get -qq update >&2 || say "apt-get update failed; going on with the lists that are there."
+  if [[ " ${missing[*]} " == *" rustc-web "* ]] && ! apt_offers_rust; then
+    add_security_source
+    apt_offers_rust || fail "No Rust $rust_needed or newer here, and apt offers none: install it from rustup and try again."
+  fi
+  as_root env DEBIAN_FRONTEND=noninteractive \
+    apt-get -qq -o Dpkg::Use-Pty=0 install -y --no-install-recommends "${missing[@]}" >/dev/null ||
+    fail "apt could not install: ${missing[*]}."
+  missing=()
+}
+
+need_build_tools() {
+  need ca-certificates "to fetch the crates over TLS" compgen -G "/etc/ssl/certs/*.*"
+  need gcc "to build the C parts of the crates (zstd, lz4) and to link" command -v cc
+  need libc6-dev "the C library's headers and start files" has_file /usr/include/stdlib.h
+  if ! find_rust; then
+    [ -n "$(command -v rustc)" ] && say "$(rustc --version 2>/dev/null) is here, $rust_needed is needed"
+    command -v apt-get >/dev/null ||
+      fail "No Rust $rust_needed or newer here: install it from rustup and try again."
+    need rustc-web "the Rust compiler, $rust_needed or newer" false
+    need cargo-web "Rust's build tool" false
+  fi
+}
+
+need_vulkan() {
+  need libvulkan1 "the Vulkan loader" has_library libvulkan.so.1
+  need mesa-vulkan-drivers "Vulkan drivers, one of them in software" has_vulkan_driver
+}
+
+need_x11() {
+  need libxkbcommon-x11-0 "the keyboard of a window under X11" has_library libxkbcommon-x11.so.0
+  need libx11-xcb1 "a window under X11" has_library libX11-xcb.so.1
+  need libxcursor1 "the pointer of a window under X11" has_library libXcursor.so.1
+  need libxi6 "the input of a window under X11" has_library libXi.so.6
+}
+
+need_wayland() {
+  need libxkbcommon0 "the keyboard of a window under Wayland" has_library libxkbcommon.so.0
+  need libwayland-client0 "a window under Wayland" has_library libwayland-client.so.0
+}
+
+need_lints() {
+  need rustfmt-web "to check the formatting" cargo fmt --version
+  need rust-web-clippy "Rust's linter" cargo clippy --version
+}
+
+need_python() {
+  need python3 "to read recordings with other people's readers" command -v python3
+  need python3-venv "to keep those readers in target/venv" python3 -c 'import ensurepip, venv'
+}
+
+# The readers of the tests, at pinned versions, in target/venv.
+make_venv() {
+  local venv=$PWD/target/venv wanted=.ci/requirements.txt
+  export SWARD_PYTHON=$venv/bin/python
+  cmp -s "$wanted" "$venv/installed.txt" && return
+  say "making target/venv with $(grep -cv '^#' "$wanted") Python packages"
+  rm -rf "$venv"
+  if ! python3 -m venv "$venv" >&2 || ! "$venv/bin/pip" install --quiet -r "$wanted" >&2; then
+    fail "The Python packages of $wanted could not be installed."
+  fi
+  cp "$wanted" "$venv/installed.txt"
+}

@@ -1,0 +1,15 @@
+# Each target does its own set-up: it says what it installs, and why.
+RECORDING ?=
+
+.PHONY: help demo test
+
+help:
+	@echo 'make demo   grow a meadow from a shipped recording: in a window, else in picture files (demo-out/)'
+	@echo '            RECORDING=path plays another recording'
+	@echo 'make test   every check and every test'
+
+demo:
+	@.ci/demo $(RECORDING)
+
+test:
+	@.ci/test

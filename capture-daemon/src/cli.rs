@@ -1,0 +1,84 @@
+//! The command line of `sward-capture`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Captures grass blades from a depth camera or a recording and offers them as a library.
+#[derive(Debug, Parser)]
+#[command(name = "sward-capture", version, max_term_width = 100)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Run the capture station until SIGTERM or SIGINT
+    ///
+    /// Plays `source.recording` as its sensor and offers the library on `service.socket`.
+    ///
+    /// Example: sward-capture run --set 'source.recording="recordings/row-1.mcap"'
+    Run(ConfigArgs),
+    /// Pass a recording through the pipeline of `run`, on the recording's own time
+    ///
+    /// Exit code 0: done, also when nothing was found; 2: bad arguments or configuration; 3: the
+    /// recording is missing or not one frame of it can be read.
+    ///
+    /// Example: sward-capture replay recordings/row-1.mcap --json --explain /tmp/steps
+    Replay(ReplayArgs),
+    /// Write synthetic recordings with their truth
+    ///
+    /// Example: sward-capture synth --out /tmp/clips --seed 7 --family row --clips 3
+    Synth(crate::synth::SynthArgs),
+    /// Check a configuration: exit code 0, or 2 with file, line and column
+    ///
+    /// Example: sward-capture check-config --config capture-daemon.toml
+    CheckConfig(ConfigArgs),
+}
+
+/// Where the configuration comes from.
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    /// Configuration file (TOML); without it all keys have their defaults
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// One key of the configuration as TOML, over the file; text needs quotes; repeatable
+    ///
+    /// Example: --set mask.far_m=0.8 --set 'service.socket="/tmp/sward.sock"'
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+}
+
+/// What to replay and how.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// An MCAP file, or a folder of 16-bit PNGs with camera.toml
+    pub recording: PathBuf,
+    /// Configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// JSON Lines on stdout, and nothing else there
+    #[arg(long)]
+    pub json: bool,
+    /// Write a picture of every stage of every capture into this folder
+    #[arg(long, value_name = "DIR")]
+    pub explain: Option<PathBuf>,
+    /// Speed in times real time, above 0 [default: as fast as the stages are]
+    #[arg(long, value_name = "R", conflicts_with = "realtime", value_parser = rate)]
+    pub rate: Option<f64>,
+    /// The same as --rate 1
+    #[arg(long)]
+    pub realtime: bool,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let rate: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    if rate > 0.0 && rate <= 1000.0 {
+        Ok(rate)
+    } else {
+        Err("expected more than 0 and at most 1000".to_owned())
+    }
+}

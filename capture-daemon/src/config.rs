@@ -1,0 +1,415 @@
+//! The daemon's configuration: TOML, every key known, in its type and range.
+
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use crate::frame::CameraModel;
+use crate::pipeline::{AcceptParams, CameraPose, PipelineParams};
+use crate::session::SessionParams;
+use crate::stages::mask::MaskParams;
+use crate::station::StationParams;
+
+/// All keys, with their defaults. `capture-daemon.toml` documents each.
+#[derive(Clone, Debug, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// `[source]`
+    pub source: SourceConfig,
+    /// `[camera]`
+    pub camera: CameraConfig,
+    /// `[mask]`
+    pub mask: MaskConfig,
+    /// `[capture]`
+    pub capture: CaptureConfig,
+    /// `[blade]`
+    pub blade: BladeConfig,
+    /// `[refine]`
+    pub refine: RefineConfig,
+    /// `[service]`
+    pub service: ServiceConfig,
+}
+
+/// Where frames come from.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SourceConfig {
+    /// A recording that `run` plays as its sensor.
+    pub recording: Option<PathBuf>,
+    /// Whether it begins again at its end.
+    #[serde(rename = "loop")]
+    pub looped: bool,
+    /// Its speed, in times real time; 0 as fast as the stages are.
+    pub rate: f64,
+    /// The image topic to read, where an MCAP file has several.
+    pub topic: Option<String>,
+}
+
+impl Default for SourceConfig {
+    fn default() -> Self {
+        Self { recording: None, looped: false, rate: 1.0, topic: None }
+    }
+}
+
+/// The camera.
+#[derive(Clone, Debug, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraConfig {
+    /// Focal length along x, pixels; with `fy`, `cx`, `cy` instead of the recording's.
+    pub fx: Option<f64>,
+    /// Focal length along y, pixels.
+    pub fy: Option<f64>,
+    /// Principal point, pixels.
+    pub cx: Option<f64>,
+    /// Principal point, pixels.
+    pub cy: Option<f64>,
+    /// How far it looks down, radians.
+    pub tilt_rad: f32,
+    /// How far it is turned clockwise about its axis, radians.
+    pub roll_rad: f32,
+}
+
+/// What counts as held before the camera.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MaskConfig {
+    /// Nearest depth, metres.
+    pub near_m: f64,
+    /// Farthest depth, metres.
+    pub far_m: f64,
+    /// `[x0, y0, x1, y1]`, pixels, half open.
+    pub roi: Option<[usize; 4]>,
+    /// Smaller blobs are specks, pixels.
+    pub min_area_px: usize,
+    /// Longest gap without readings that is bridged, pixels.
+    pub bridge_px: usize,
+}
+
+impl Default for MaskConfig {
+    fn default() -> Self {
+        let MaskParams { near_m, far_m, roi, min_area_px, bridge_px } = MaskParams::default();
+        Self { near_m, far_m, roi, min_area_px, bridge_px }
+    }
+}
+
+/// When a capture happens.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CaptureConfig {
+    /// How long something must stand still, seconds.
+    pub hold_s: f64,
+    /// How far its centroid may move meanwhile, pixels.
+    pub still_px: f64,
+}
+
+impl Default for CaptureConfig {
+    fn default() -> Self {
+        let StationParams { hold_s, still_px, .. } = StationParams::default();
+        Self { hold_s, still_px }
+    }
+}
+
+/// Which blades are good enough.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BladeConfig {
+    /// Shortest blade, metres.
+    pub min_length_m: f32,
+    /// Fewest pixels across.
+    pub min_pixels_across: f32,
+}
+
+impl Default for BladeConfig {
+    fn default() -> Self {
+        let AcceptParams { min_length_m, min_pixels_across } = AcceptParams::default();
+        Self { min_length_m, min_pixels_across }
+    }
+}
+
+/// Refinement of the skeleton.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RefineConfig {
+    /// Knots of a blade.
+    pub knots: usize,
+    /// μ of Fan & Sheng's Eq. 1.
+    pub distance_weight: f32,
+}
+
+impl Default for RefineConfig {
+    fn default() -> Self {
+        let common::refine::RefineParams { knots, distance_weight } = common::refine::RefineParams::default();
+        Self { knots, distance_weight }
+    }
+}
+
+/// The varlink service.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ServiceConfig {
+    /// The socket it listens on.
+    pub socket: PathBuf,
+}
+
+impl Default for ServiceConfig {
+    fn default() -> Self {
+        Self { socket: PathBuf::from("/run/sward/station.sock") }
+    }
+}
+
+/// Why a configuration cannot be used. The message begins with where.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{path}: the configuration cannot be read: {reason}; check the path given with --config")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The text is not TOML, or a key is unknown or of another type.
+    #[error("{place}: {reason}")]
+    Invalid {
+        /// File, line and column, or the `--set` argument.
+        place: String,
+        /// What is wrong and what was expected.
+        reason: String,
+    },
+}
+
+/// Reads a configuration: the file over the defaults, each `key=value` of `sets` over both.
+///
+/// # Errors
+/// The first thing that is wrong, with file, line and column, or with the `--set` argument.
+pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError> {
+    let mut documents = Vec::new();
+    if let Some(path) = file {
+        let unreadable = |reason: std::io::Error| ConfigError::Unreadable {
+            path: path.display().to_string(),
+            reason: reason.to_string(),
+        };
+        let bytes = std::fs::read(path).map_err(unreadable)?;
+        let text = String::from_utf8(bytes).map_err(|_| ConfigError::Invalid {
+            place: path.display().to_string(),
+            reason: "it is not UTF-8 text, expected a TOML file".to_owned(),
+        })?;
+        documents.push(Document { origin: Origin::File(path.to_path_buf()), text });
+    }
+    for set in sets {
+        documents.push(Document { origin: Origin::Set(set.clone()), text: set.clone() });
+    }
+    let mut merged = toml::Table::new();
+    for document in &documents {
+        // Alone, so that the error has the place in this document.
+        toml::from_str::<Config>(&document.text).map_err(|error| document.error(&error))?;
+        merge(&mut merged, toml::from_str(&document.text).map_err(|error| document.error(&error))?);
+    }
+    let config: Config = merged.try_into().map_err(|error: toml::de::Error| ConfigError::Invalid {
+        place: "configuration".to_owned(),
+        reason: error.message().to_owned(),
+    })?;
+    match out_of_range(&config) {
+        None => Ok(config),
+        Some((key, expected)) => {
+            let place = documents.iter().rev().find_map(|document| document.place_of(key));
+            let reason = format!("`{key}` is out of range, expected {expected}");
+            Err(ConfigError::Invalid { place: place.unwrap_or_else(|| "configuration".to_owned()), reason })
+        }
+    }
+}
+
+enum Origin {
+    File(PathBuf),
+    Set(String),
+}
+
+struct Document {
+    origin: Origin,
+    text: String,
+}
+
+impl Document {
+    fn place(&self, span: Option<std::ops::Range<usize>>) -> String {
+        let before = &self.text[..span.map_or(0, |span| span.start).min(self.text.len())];
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+        match &self.origin {
+            Origin::File(path) => format!("{}:{line}:{column}", path.display()),
+            Origin::Set(argument) => format!("--set '{}', column {column}", argument.escape_debug()),
+        }
+    }
+
+    fn error(&self, error: &toml::de::Error) -> ConfigError {
+        let message = error.message().replace('\n', ", ").replace("unknown field", "unknown key");
+        let hint = match &self.origin {
+            Origin::Set(_) if error.span().is_some() && !message.contains("unknown key") => {
+                " (--set takes key=value as TOML; text needs quotes: --set 'service.socket=\"/tmp/s\"')"
+            }
+            _ => "",
+        };
+        ConfigError::Invalid { place: self.place(error.span()), reason: format!("{message}{hint}") }
+    }
+
+    /// Where this document sets `key` (a dotted path), if it does.
+    fn place_of(&self, key: &str) -> Option<String> {
+        let document = toml::de::DeTable::parse(&self.text).ok()?;
+        let mut table = document.get_ref();
+        let mut parts = key.split('.').peekable();
+        while let Some(part) = parts.next() {
+            let (name, value) = table.iter().find(|(name, _)| name.get_ref() == part)?;
+            match (parts.peek(), value.get_ref()) {
+                (None, _) => return Some(self.place(Some(name.span()))),
+                (Some(_), toml::de::DeValue::Table(inner)) => table = inner,
+                _ => return None,
+            }
+        }
+        None
+    }
+}
+
+fn merge(into: &mut toml::Table, from: toml::Table) {
+    for (key, value) in from {
+        match (into.get_mut(&key), value) {
+            (Some(toml::Value::Table(mine)), toml::Value::Table(theirs)) => merge(mine, theirs),
+            (_, value) => {
+                into.insert(key, value);
+            }
+        }
+    }
+}
+
+/// The first key whose value is out of its range, and the range.
+fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
+    fn within(key: &'static str, value: f64, range: RangeInclusive<f64>) -> Option<(&'static str, String)> {
+        (!range.contains(&value)).then(|| (key, format!("{} to {}", range.start(), range.end())))
+    }
+    let Config { source, camera, mask, capture, blade, refine, .. } = config;
+    let focal = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0..=100_000.0));
+    let centre = |key, value: Option<f64>| value.and_then(|value| within(key, value, -10_000.0..=10_000.0));
+    let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
+    let some_missing = intrinsics.iter().any(Option::is_some) && intrinsics.iter().any(Option::is_none);
+    let half_camera = || Some(("camera", "all of fx, fy, cx and cy, or none of them".to_owned()));
+    let empty_region = mask.roi.is_some_and(|[x0, y0, x1, y1]| x0 >= x1 || y0 >= y1);
+    let region = || Some(("mask.roi", "[x0, y0, x1, y1] with x0 < x1 and y0 < y1".to_owned()));
+    let order = || Some(("mask.far_m", format!("more than mask.near_m ({})", mask.near_m)));
+    within("source.rate", source.rate, 0.0..=1000.0)
+        .or_else(|| focal("camera.fx", camera.fx))
+        .or_else(|| focal("camera.fy", camera.fy))
+        .or_else(|| centre("camera.cx", camera.cx))
+        .or_else(|| centre("camera.cy", camera.cy))
+        .or_else(|| some_missing.then(half_camera).flatten())
+        .or_else(|| within("camera.tilt_rad", camera.tilt_rad.into(), -1.6..=1.6))
+        .or_else(|| within("camera.roll_rad", camera.roll_rad.into(), -3.2..=3.2))
+        .or_else(|| within("mask.near_m", mask.near_m, 0.0..=20.0))
+        .or_else(|| within("mask.far_m", mask.far_m, 0.0..=20.0))
+        .or_else(|| (mask.near_m >= mask.far_m).then(order).flatten())
+        .or_else(|| empty_region.then(region).flatten())
+        .or_else(|| within("mask.min_area_px", mask.min_area_px as f64, 1.0..=1e6))
+        .or_else(|| within("mask.bridge_px", mask.bridge_px as f64, 0.0..=32.0))
+        .or_else(|| within("capture.hold_s", capture.hold_s, 0.0..=60.0))
+        .or_else(|| within("capture.still_px", capture.still_px, 0.1..=1000.0))
+        .or_else(|| within("blade.min_length_m", blade.min_length_m.into(), 0.001..=10.0))
+        .or_else(|| within("blade.min_pixels_across", blade.min_pixels_across.into(), 0.5..=100.0))
+        .or_else(|| within("refine.knots", refine.knots as f64, 2.0..=64.0))
+        .or_else(|| within("refine.distance_weight", refine.distance_weight.into(), 0.0..=1.0))
+}
+
+impl Config {
+    /// The camera given by the configuration, where it gives one.
+    pub fn camera_model(&self) -> Option<CameraModel> {
+        let CameraConfig { fx, fy, cx, cy, .. } = self.camera;
+        Some(CameraModel { fx: fx?, fy: fy?, cx: cx?, cy: cy? })
+    }
+
+    /// What a session is told.
+    pub fn session_params(&self) -> SessionParams {
+        let Self { camera, mask, capture, blade, refine, .. } = self;
+        SessionParams {
+            station: StationParams {
+                hold_s: capture.hold_s,
+                still_px: capture.still_px,
+                min_area_px: mask.min_area_px,
+            },
+            pipeline: PipelineParams {
+                mask: MaskParams {
+                    near_m: mask.near_m,
+                    far_m: mask.far_m,
+                    roi: mask.roi,
+                    min_area_px: mask.min_area_px,
+                    bridge_px: mask.bridge_px,
+                },
+                refine: common::refine::RefineParams {
+                    knots: refine.knots,
+                    distance_weight: refine.distance_weight,
+                },
+                accept: AcceptParams {
+                    min_length_m: blade.min_length_m,
+                    min_pixels_across: blade.min_pixels_across,
+                },
+                pose: CameraPose { tilt_rad: camera.tilt_rad, roll_rad: camera.roll_rad },
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(text: &str, sets: &[&str]) -> Result<Config, String> {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("c.toml");
+        std::fs::write(&path, text).expect("it is writable");
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        let shown = path.display().to_string();
+        load(Some(&path), &sets).map_err(|error| error.to_string().replace(&shown, "c.toml"))
+    }
+
+    #[test]
+    fn the_shipped_file_documents_exactly_the_defaults() {
+        let text = include_str!("../capture-daemon.toml");
+        assert_eq!(check(text, &[]), Ok(Config::default()));
+        // Each key of the file stands there as a comment, and is a key.
+        let uncommented: String = text
+            .lines()
+            .map(|line| line.strip_prefix("#= ").unwrap_or(line))
+            .fold(String::new(), |all, line| all + line + "\n");
+        let all_keys = check(&uncommented, &[]).expect("every documented key is known");
+        assert_eq!(all_keys.camera_model().map(|camera| camera.fx), Some(570.0));
+        assert!(all_keys.mask.roi.is_some() && all_keys.source.recording.is_some());
+    }
+
+    #[test]
+    fn errors_name_file_line_and_column() {
+        let error = |text| check(text, &[]).expect_err("invalid");
+        let unknown = error("[mask]\nnear_m = 0.4\n  fare_m = 1.0\n");
+        assert!(unknown.starts_with("c.toml:3:3: unknown key `fare_m`, expected one of"), "{unknown}");
+        let wrong_type = error("[refine]\nknots = \"many\"\n");
+        assert!(wrong_type.starts_with("c.toml:2:9: invalid type"), "{wrong_type}");
+        let range = error("[refine]\nknots = 65\n");
+        assert_eq!(range, "c.toml:2:1: `refine.knots` is out of range, expected 2 to 64");
+        let syntax = error("[mask\n");
+        assert!(syntax.starts_with("c.toml:1:"), "{syntax}");
+        let order = error("mask = { near_m = 1.0, far_m = 0.5 }\n");
+        assert!(order.starts_with("c.toml:1:24: `mask.far_m`"), "{order}");
+        assert!(!error("x = 1\ny =\n").contains('\n'));
+    }
+
+    #[test]
+    fn set_wins_over_the_file() {
+        let config = check("[mask]\nnear_m = 0.4\nfar_m = 0.8\n", &["mask.near_m=0.5"]).expect("valid");
+        assert_eq!((config.mask.near_m, config.mask.far_m), (0.5, 0.8));
+    }
+
+    #[test]
+    fn a_bad_set_names_the_argument() {
+        let error = |set| check("", &[set]).expect_err("invalid");
+        assert!(error("mask.nears=1").contains("--set 'mask.nears=1', column 6: unknown key `nears`"));
+        assert!(error("service.socket=/tmp/x").contains("text needs quotes"));
+        assert!(error("refine.knots=1").starts_with("--set 'refine.knots=1', column 8: `refine.knots`"));
+        assert!(error("nonsense").contains("--set 'nonsense'"));
+        assert!(error("mask.near_m=nan").contains("out of range"));
+    }
+}

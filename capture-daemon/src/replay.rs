@@ -1,0 +1,210 @@
+//! The verb `replay`: a recording through the session of `run`, with its blades on stdout.
+
+use std::io::{self, Write};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use common::blade::Blade;
+use common::library::{encode, layout::MAX_BLADES, library_hash};
+use serde_json::{Value, json};
+
+use crate::cli::ReplayArgs;
+use crate::config::Config;
+use crate::explain;
+use crate::pipeline::{CapturedBlade, Refusal};
+use crate::recording;
+use crate::session::{Capture, Session};
+use crate::source::{FrameSource, SourceError};
+
+/// Keeps to the recording's own time, at a rate.
+#[derive(Debug)]
+pub struct Pace {
+    rate: f64,
+    first: Option<(Instant, u64)>,
+}
+
+impl Pace {
+    /// `rate` in times real time, above 0.
+    pub fn new(rate: f64) -> Self {
+        Self { rate, first: None }
+    }
+
+    /// How long to wait until the frame of `timestamp_ns` is due. A clock that steps back starts
+    /// anew; no wait is longer than ten seconds of the recording.
+    pub fn wait(&mut self, timestamp_ns: u64) -> Duration {
+        let (start, first_ns) = *self.first.get_or_insert((Instant::now(), timestamp_ns));
+        let Some(elapsed_ns) = timestamp_ns.checked_sub(first_ns) else {
+            self.first = Some((Instant::now(), timestamp_ns));
+            return Duration::ZERO;
+        };
+        let due = start + Duration::from_secs_f64(elapsed_ns as f64 * 1e-9 / self.rate);
+        let longest = Duration::from_secs_f64(10.0 / self.rate);
+        let wait = due.saturating_duration_since(Instant::now());
+        if wait > longest {
+            self.first = Some((Instant::now() + longest, timestamp_ns));
+        }
+        wait.min(longest)
+    }
+}
+
+/// Replays a recording.
+///
+/// # Errors
+/// An [`recording::OpenError`] when it cannot be opened, anything else when a picture or stdout
+/// cannot be written.
+pub fn replay(args: &ReplayArgs, config: &Config) -> anyhow::Result<()> {
+    let options =
+        recording::OpenOptions { camera: config.camera_model(), topic: config.source.topic.clone() };
+    let mut source = recording::open(&args.recording, &options)?;
+    let mut out = Output { json: args.json, to: io::BufWriter::new(io::stdout().lock()) };
+    match play(source.as_mut(), args, config, &mut out) {
+        // Who reads our output has seen enough.
+        Err(error) if is_broken_pipe(&error) => Ok(()),
+        result => result,
+    }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}
+
+fn play(
+    source: &mut dyn FrameSource,
+    args: &ReplayArgs,
+    config: &Config,
+    out: &mut Output<impl Write>,
+) -> anyhow::Result<()> {
+    let mut session = Session::new(config.session_params());
+    let mut pace = args.rate.or(args.realtime.then_some(1.0)).map(Pace::new);
+    let mut blades: Vec<Blade> = Vec::new();
+    let (mut captures, mut skipped) = (0, 0);
+    loop {
+        let frame = match source.next_frame() {
+            Ok(frame) => frame,
+            Err(SourceError::End) => break,
+            Err(SourceError::BadFrame(reason)) => {
+                tracing::debug!(reason, "a frame was skipped");
+                skipped += 1;
+                continue;
+            }
+            Err(SourceError::Failed(reason)) => {
+                tracing::warn!(reason, "the recording cannot be read further");
+                break;
+            }
+        };
+        if let Some(pace) = &mut pace {
+            std::thread::sleep(pace.wait(frame.timestamp_ns));
+        }
+        let Some(capture) = session.push(&frame) else { continue };
+        captures += u32::from(!capture.steps.blades.is_empty());
+        if let Some(folder) = &args.explain {
+            for path in explain::write(folder, &capture, &frame.camera)? {
+                out.picture(&path)?;
+            }
+        }
+        out.capture(&capture)?;
+        blades.extend(capture.steps.blades.into_iter().map(|captured| captured.blade));
+    }
+    if skipped > 0 {
+        tracing::warn!(skipped, "frames were skipped");
+    }
+    let kept = &blades[blades.len().saturating_sub(MAX_BLADES)..];
+    let library = encode(0, kept).context("the library cannot be written")?;
+    out.end(session.frames(), captures, blades.len(), skipped, &library_hash(&library))
+}
+
+struct Output<W> {
+    json: bool,
+    to: W,
+}
+
+impl<W: Write> Output<W> {
+    fn line(&mut self, value: &Value) -> io::Result<()> {
+        writeln!(self.to, "{value}")?;
+        self.to.flush()
+    }
+
+    fn capture(&mut self, capture: &Capture) -> io::Result<()> {
+        for blade in &capture.steps.blades {
+            if self.json {
+                self.line(&blade_event(capture, blade))?;
+            } else {
+                let CapturedBlade { blade, quality, .. } = blade;
+                let (length, width) = (blade.length_m() * 1e3, blade.max_width_m() * 1e3);
+                let (name, frame, score) = (blade.name(), capture.frame, quality.score);
+                let across = quality.pixels_across;
+                writeln!(
+                    self.to,
+                    "frame {frame:5}  {name}  {length:6.1} mm long  {width:5.1} mm wide  {across:4.1} px across  quality {score:.2}",
+                )?;
+            }
+        }
+        for refusal in &capture.steps.refused {
+            if self.json {
+                self.line(&refused_event(capture, refusal))?;
+            } else {
+                writeln!(self.to, "frame {:5}  refused: {refusal}", capture.frame)?;
+            }
+        }
+        self.to.flush()
+    }
+
+    fn picture(&mut self, path: &std::path::Path) -> io::Result<()> {
+        if self.json { Ok(()) } else { writeln!(self.to, "{}", path.display()) }
+    }
+
+    fn end(
+        &mut self,
+        frames: u64,
+        captures: u32,
+        blades: usize,
+        skipped: u64,
+        hash: &str,
+    ) -> anyhow::Result<()> {
+        if self.json {
+            self.line(&json!({
+                "event": "end", "frames": frames, "captures": captures, "blades": blades,
+                "library_hash": hash, "skipped_frames": skipped,
+            }))?;
+        } else {
+            writeln!(
+                self.to,
+                "{frames} frames, {captures} captures, {blades} blades, {skipped} frames skipped"
+            )?;
+            self.to.flush()?;
+        }
+        Ok(())
+    }
+}
+
+fn blade_event(capture: &Capture, captured: &CapturedBlade) -> Value {
+    let knots: Vec<Value> = captured
+        .knots_in_camera
+        .iter()
+        .map(|knot| {
+            json!({
+                "camera_m": knot.position.to_array(),
+                "half_width_m": [knot.half_width_left, knot.half_width_right],
+            })
+        })
+        .collect();
+    let quality = &captured.quality;
+    json!({
+        "event": "blade", "frame": capture.frame, "timestamp_ns": capture.timestamp_ns,
+        "id": captured.blade.id().to_string(),
+        "length_m": captured.blade.length_m(), "max_width_m": captured.blade.max_width_m(),
+        "knots": knots,
+        "quality": {
+            "score": quality.score, "pixels_across": quality.pixels_across,
+            "hausdorff_m": quality.hausdorff_m, "length_error_m": quality.length_error_m,
+            "width_error_m": quality.width_error_m,
+        },
+    })
+}
+
+fn refused_event(capture: &Capture, refusal: &Refusal) -> Value {
+    json!({
+        "event": "refused", "frame": capture.frame, "timestamp_ns": capture.timestamp_ns,
+        "code": refusal.code(), "reason": refusal.to_string(),
+    })
+}

@@ -1,0 +1,10 @@
+//! The capture stages: free functions from one result to the next, typed in and out.
+//!
+//! Invariant: a stage knows no clock, device, file, thread or log. The same input gives the same
+//! bits.
+
+pub mod contour;
+pub mod lift;
+pub mod mask;
+pub mod partition;
+pub mod skeleton;

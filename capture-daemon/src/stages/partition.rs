@@ -1,0 +1,416 @@
+//! Outline → single blades: each with its tip, its two sides and the cut at its base.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use common::geometry::polyline;
+use glam::Vec2;
+
+use super::contour::Outline;
+use super::mask::Mask;
+
+/// How outlines are divided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PartitionParams {
+    /// A tip stands out from the gaps beside it by at least this much, pixels along the blade.
+    pub min_persistence_px: f32,
+    /// And by at least this share of the farthest tip's distance.
+    pub min_persistence: f32,
+    /// Where gravity points in the image; unit vector.
+    pub down: Vec2,
+}
+
+impl Default for PartitionParams {
+    fn default() -> Self {
+        Self { min_persistence_px: 8.0, min_persistence: 0.08, down: Vec2::Y }
+    }
+}
+
+/// One side of a blade: a stretch of the outline from its base to its tip.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Side {
+    /// Image pixels.
+    pub points: Vec<Vec2>,
+    /// Distance of each point from the root, within the blob, pixels.
+    pub flow_px: Vec<f32>,
+}
+
+/// A single blade's outline.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// The blob's label in the mask.
+    pub label: u16,
+    /// The side that is left when the root is down.
+    pub left: Side,
+    /// The side that is right when the root is down.
+    pub right: Side,
+    /// Whether the blade was cut from others at its base; else its base is the blob's own end.
+    pub cut: bool,
+}
+
+impl Part {
+    /// Where the two sides meet.
+    pub fn tip(&self) -> Vec2 {
+        *self.left.points.last().expect("a side has points")
+    }
+}
+
+/// Divides one outline into blades.
+///
+/// The distance from the root flows along the outline: its maxima are tips and the minima between
+/// them the gaps between blades. The root is where the blob leaves the region, else its lower end.
+/// Returns the blades in clockwise order from the root. O(pixels of the blob · log).
+///
+/// # Source
+/// Fan & Sheng §4.2. Departures: distance is measured within the blob from the root rather than
+/// straight from the contour's centre, which finds the right number of blades only where the centre
+/// is the hub; extrema count by their persistence; a blade is cut at its inner gap, straight across.
+pub fn flow(mask: &Mask, outline: &Outline, params: &PartitionParams) -> Vec<Part> {
+    let perimeter = polyline::length(&outline.points);
+    let count = perimeter.round() as usize;
+    if count < 12 {
+        return Vec::new();
+    }
+    let mut closed = outline.points.clone();
+    closed.push(closed[0]);
+    let mut points = polyline::resample(&closed, count + 1);
+    points.pop();
+    let Some(blob) = Blob::of(mask, outline.label) else { return Vec::new() };
+    let walk = |roots: &[usize]| Walk::from_root(&points, &blob.distance_from(roots), params);
+    // The end of a single blade need not be its lowest pixel: it can sag between its ends. The ends
+    // of a tuft are two of its tips: its root is what is lowest.
+    let border = blob.longest_border_run(mask.region);
+    let Walk { points, flow, tips } = if border.len() >= MIN_BORDER_PX {
+        walk(&border)
+    } else {
+        let Some(lowest) = blob.lowest(params.down) else { return Vec::new() };
+        let single = walk(&[blob.lower_end(lowest, params.down)]);
+        if single.tips.len() > 1 { walk(&[lowest]) } else { single }
+    };
+    let mut gaps = vec![0];
+    gaps.extend(tips.windows(2).map(|pair| argmin(&flow, pair[0]..pair[1])));
+    gaps.push(flow.len() - 1);
+    let blade = |(index, tip): (usize, &usize)| {
+        let (before, after) = cut(&points, &flow, gaps[index], *tip, gaps[index + 1]);
+        let side = |range: std::ops::RangeInclusive<usize>| Side {
+            points: points[range.clone()].to_vec(),
+            flow_px: flow[range].to_vec(),
+        };
+        let mut right = side(*tip..=after);
+        right.points.reverse();
+        right.flow_px.reverse();
+        let label = outline.label;
+        Part { label, left: side(before..=*tip), right, cut: tips.len() > 1 }
+    };
+    tips.iter().enumerate().map(blade).collect()
+}
+
+/// Moves the outer of the two gaps of a blade to where the cut from the inner one is shortest.
+fn cut(points: &[Vec2], flow: &[f32], before: usize, tip: usize, after: usize) -> (usize, usize) {
+    let nearest = |to: usize, range: std::ops::Range<usize>| {
+        range.min_by(|a, b| {
+            points[*a].distance_squared(points[to]).total_cmp(&points[*b].distance_squared(points[to]))
+        })
+    };
+    // A side keeps a few points whatever the cut.
+    if flow[before] > flow[after] {
+        (before, nearest(before, tip + 4..after + 1).unwrap_or(after))
+    } else if flow[after] > flow[before] {
+        (nearest(after, before..tip.saturating_sub(3)).unwrap_or(before), after)
+    } else {
+        (before, after)
+    }
+}
+
+/// The first index of `range` with the smallest value.
+fn argmin(values: &[f32], range: std::ops::Range<usize>) -> usize {
+    let start = range.start;
+    range.reduce(|best, index| if values[index] < values[best] { index } else { best }).unwrap_or(start)
+}
+
+/// Circular Gaussian smoothing, σ = 1.5 samples.
+fn smoothed(values: &[f32]) -> Vec<f32> {
+    const HALF: isize = 5;
+    let weight = |k: isize| (-(k * k) as f32 / (2.0 * 1.5 * 1.5)).exp();
+    let total: f32 = (-HALF..=HALF).map(weight).sum();
+    let n = values.len() as isize;
+    let at = |i: isize| values[i.rem_euclid(n) as usize];
+    (0..n).map(|i| (-HALF..=HALF).map(|k| weight(k) * at(i + k)).sum::<f32>() / total).collect()
+}
+
+/// Maxima of a sequence that rise by at least `threshold` above the higher of the two passes that
+/// lead from them to a higher maximum, in order. The highest is always among them.
+///
+/// # Source
+/// Zero-dimensional persistence of a function on a line (Edelsbrunner et al. 2002).
+fn persistent_maxima(values: &[f32], threshold: f32) -> Vec<usize> {
+    const NONE: usize = usize::MAX;
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|a, b| values[*b].total_cmp(&values[*a]).then(a.cmp(b)));
+    // parent[i]: towards the component's highest index.
+    let mut parent = vec![NONE; values.len()];
+    let find = |parent: &mut Vec<usize>, mut index: usize| {
+        while parent[index] != index {
+            parent[index] = parent[parent[index]];
+            index = parent[index];
+        }
+        index
+    };
+    let mut maxima = Vec::new();
+    for index in order {
+        parent[index] = index;
+        let left = (index > 0 && parent[index - 1] != NONE).then(|| find(&mut parent, index - 1));
+        let right =
+            (index + 1 < values.len() && parent[index + 1] != NONE).then(|| find(&mut parent, index + 1));
+        match (left, right) {
+            (Some(a), Some(b)) => {
+                let (higher, lower) = if values[a] >= values[b] { (a, b) } else { (b, a) };
+                if values[lower] - values[index] >= threshold {
+                    maxima.push(lower);
+                }
+                parent[lower] = higher;
+                parent[index] = higher;
+            }
+            (Some(only), None) | (None, Some(only)) => parent[index] = only,
+            (None, None) => {}
+        }
+    }
+    maxima
+        .extend(values.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1).then(b.0.cmp(&a.0))).map(|m| m.0));
+    maxima.sort_unstable();
+    maxima
+}
+
+/// A blob that touches the border of the region with fewer pixels than this ends there by chance.
+const MIN_BORDER_PX: usize = 3;
+
+/// An outline walked from its root and back to it.
+struct Walk {
+    points: Vec<Vec2>,
+    /// Distance from the root, pixels.
+    flow: Vec<f32>,
+    /// Indices of the tips.
+    tips: Vec<usize>,
+}
+
+impl Walk {
+    fn from_root(outline: &[Vec2], field: &Field, params: &PartitionParams) -> Self {
+        let mut points = outline.to_vec();
+        let mut flow = smoothed(&points.iter().map(|point| field.at(*point)).collect::<Vec<_>>());
+        let root = argmin(&flow, 0..flow.len());
+        points.rotate_left(root);
+        flow.rotate_left(root);
+        // The root ends the walk as it began it.
+        points.push(points[0]);
+        flow.push(flow[0]);
+        let farthest = flow.iter().copied().fold(0.0, f32::max);
+        let threshold = params.min_persistence_px.max(params.min_persistence * farthest);
+        let tips = persistent_maxima(&flow, threshold);
+        Self { points, flow, tips }
+    }
+}
+
+/// The body pixels of one blob, as indices into its bounding box.
+struct Blob {
+    bounds: [usize; 4],
+    width: usize,
+    body: Vec<bool>,
+}
+
+/// Distance from the root to each body pixel of a blob, within the blob.
+struct Field {
+    bounds: [usize; 4],
+    /// Twelfths of a pixel; `u32::MAX` outside of the blob.
+    twelfths: Vec<u32>,
+}
+
+impl Field {
+    /// Distance at a point of the outline, pixels: over the nearest body pixel.
+    fn at(&self, point: Vec2) -> f32 {
+        let [x0, y0, x1, y1] = self.bounds;
+        let (x, y) = (point.x.floor() as isize, point.y.floor() as isize);
+        let mut best = f32::INFINITY;
+        for (v, u) in (y - 1..=y + 2).flat_map(|v| (x - 1..=x + 2).map(move |u| (v, u))) {
+            let inside = u >= x0 as isize && v >= y0 as isize && u < x1 as isize && v < y1 as isize;
+            if !inside {
+                continue;
+            }
+            let twelfths = self.twelfths[(v as usize - y0) * (x1 - x0) + u as usize - x0];
+            if twelfths != u32::MAX {
+                let pixel = Vec2::new(u as f32, v as f32);
+                best = best.min(twelfths as f32 / 12.0 + pixel.distance(point));
+            }
+        }
+        if best.is_finite() { best } else { 0.0 }
+    }
+}
+
+impl Blob {
+    fn of(mask: &Mask, label: u16) -> Option<Self> {
+        let bounds = mask.blobs.iter().find(|blob| blob.label == label)?.bounds;
+        let [x0, y0, x1, y1] = bounds;
+        let pixels = (y0..y1).flat_map(|y| (x0..x1).map(move |x| y * mask.width + x));
+        let body = pixels.map(|index| mask.labels[index] == label && mask.occupancy[index] >= 0.5).collect();
+        Some(Self { bounds, width: x1 - x0, body })
+    }
+
+    fn distance_from(&self, roots: &[usize]) -> Field {
+        Field { bounds: self.bounds, twelfths: distances(&self.body, self.width, roots) }
+    }
+
+    fn height_below(&self, index: usize, down: Vec2) -> f32 {
+        Vec2::new((index % self.width) as f32, (index / self.width) as f32).dot(down)
+    }
+
+    fn lowest(&self, down: Vec2) -> Option<usize> {
+        let pixels = (0..self.body.len()).filter(|index| self.body[*index]);
+        pixels.max_by(|a, b| self.height_below(*a, down).total_cmp(&self.height_below(*b, down)))
+    }
+
+    /// The lower one of the two pixels that are farthest apart within the blob.
+    fn lower_end(&self, from: usize, down: Vec2) -> usize {
+        let farthest = |from: usize| {
+            let twelfths = distances(&self.body, self.width, &[from]);
+            let reached = (0..self.body.len()).filter(|index| twelfths[*index] != u32::MAX);
+            reached.max_by_key(|index| (twelfths[*index], Reverse(*index))).unwrap_or(from)
+        };
+        let one = farthest(from);
+        let other = farthest(one);
+        if self.height_below(one, down) > self.height_below(other, down) { one } else { other }
+    }
+
+    /// The longest connected run of pixels along the border of the region.
+    fn longest_border_run(&self, region: [usize; 4]) -> Vec<usize> {
+        let [x0, y0, ..] = self.bounds;
+        let on_border = |index: &usize| {
+            let (x, y) = (x0 + index % self.width, y0 + index / self.width);
+            x == region[0] || y == region[1] || x + 1 == region[2] || y + 1 == region[3]
+        };
+        let touches = |a: usize, b: usize| {
+            let (dx, dy) =
+                ((a % self.width).abs_diff(b % self.width), (a / self.width).abs_diff(b / self.width));
+            dx <= 1 && dy <= 1
+        };
+        let mut left: Vec<usize> =
+            (0..self.body.len()).filter(|index| self.body[*index]).filter(on_border).collect();
+        let mut longest = Vec::new();
+        while let Some(first) = left.pop() {
+            let mut run = vec![first];
+            let mut next = 0;
+            while next < run.len() {
+                let at = run[next];
+                next += 1;
+                run.extend(left.extract_if(.., |other| touches(at, *other)));
+            }
+            if run.len() > longest.len() {
+                longest = run;
+            }
+        }
+        longest
+    }
+}
+
+/// Chamfer distances (12 straight, 17 diagonal) within `body` from `seeds`.
+fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32> {
+    let height = body.len() / width;
+    let mut distance = vec![u32::MAX; body.len()];
+    let mut queue = BinaryHeap::new();
+    for seed in seeds {
+        distance[*seed] = 0;
+        queue.push(Reverse((0, *seed)));
+    }
+    while let Some(Reverse((so_far, index))) = queue.pop() {
+        if so_far > distance[index] {
+            continue;
+        }
+        let (x, y) = (index % width, index / width);
+        for v in y.saturating_sub(1)..(y + 2).min(height) {
+            for u in x.saturating_sub(1)..(x + 2).min(width) {
+                let other = v * width + u;
+                let step = if u != x && v != y { 17 } else { 12 };
+                if body[other] && so_far + step < distance[other] {
+                    distance[other] = so_far + step;
+                    queue.push(Reverse((so_far + step, other)));
+                }
+            }
+        }
+    }
+    distance
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stages::contour;
+    use crate::stages::mask;
+
+    #[test]
+    fn maxima_count_by_their_persistence() {
+        let values = [0.0, 5.0, 4.5, 9.0, 2.0, 7.0, 0.0];
+        assert_eq!(persistent_maxima(&values, 1.0), [3, 5]);
+        assert_eq!(persistent_maxima(&values, 0.4), [1, 3, 5]);
+        assert_eq!(persistent_maxima(&values, 6.0), [3]);
+        assert_eq!(persistent_maxima(&[1.0, 1.0, 1.0], 0.5), [0]);
+    }
+
+    /// A mask where `inside` holds, within 120×160 pixels.
+    fn mask(inside: impl Fn(f32, f32) -> bool) -> Mask {
+        let (width, height) = (120, 160);
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x as f32, y as f32)));
+        let occupancy: Vec<f32> = pixels.map(|(x, y)| f32::from(u8::from(inside(x, y)))).collect();
+        Mask {
+            width,
+            height,
+            region: [0, 0, width, height],
+            frames: 1,
+            depth_m: vec![0.5; occupancy.len()],
+            labels: occupancy.iter().map(|o| *o as u16).collect(),
+            occupancy,
+            blobs: vec![mask::Blob { label: 1, area_px: 1, bounds: [0, 0, width, height] }],
+        }
+    }
+
+    fn parts(inside: impl Fn(f32, f32) -> bool) -> Vec<Part> {
+        let mask = mask(inside);
+        let outlines = contour::trace(&mask);
+        flow(&mask, &outlines[0], &PartitionParams::default())
+    }
+
+    /// Whether a pixel lies within a straight blade of half width 5 from (60, 150).
+    fn stroke(x: f32, y: f32, to: Vec2) -> bool {
+        let (from, point) = (Vec2::new(60.0, 150.0), Vec2::new(x, y));
+        let t = ((point - from).dot(to - from) / (to - from).length_squared()).clamp(0.0, 1.0);
+        point.distance(from.lerp(to, t)) < 5.0 * (1.0 - 0.7 * t)
+    }
+
+    #[test]
+    fn a_single_blade_has_its_tip_up_and_its_left_side_left() {
+        let parts = parts(|x, y| stroke(x, y, Vec2::new(70.0, 20.0)));
+        let [part] = parts.as_slice() else { panic!("{} parts", parts.len()) };
+        assert!(part.tip().distance(Vec2::new(70.0, 20.0)) < 4.0, "{}", part.tip());
+        let mean = |side: &Side| side.points.iter().map(|p| p.x).sum::<f32>() / side.points.len() as f32;
+        assert!(mean(&part.left) + 4.0 < mean(&part.right));
+        assert!(!part.cut);
+    }
+
+    #[test]
+    fn a_tuft_of_three_gives_three_tips() {
+        let tips = [Vec2::new(15.0, 40.0), Vec2::new(60.0, 15.0), Vec2::new(105.0, 35.0)];
+        let parts = parts(|x, y| tips.iter().any(|tip| stroke(x, y, *tip)));
+        assert_eq!(parts.len(), 3);
+        for (part, tip) in parts.iter().zip(tips) {
+            assert!(part.tip().distance(tip) < 4.0, "{} is not {tip}", part.tip());
+            assert!(part.cut);
+        }
+    }
+
+    #[test]
+    fn the_root_is_where_the_blob_leaves_the_region() {
+        // A blade that comes in from above and hangs down.
+        let parts = parts(|x, y| y < 100.0 && (x - 60.0).abs() < 5.0 * (1.0 - y / 110.0));
+        let [part] = parts.as_slice() else { panic!("{} parts", parts.len()) };
+        assert!(part.tip().y > 95.0);
+        // With the root down the picture stands on its head: left is right.
+        assert!(part.left.points[part.left.points.len() / 2].x > 60.0);
+    }
+}

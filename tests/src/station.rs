@@ -1,0 +1,96 @@
+//! A client of the station's socket that shares no code with the programs: varlink as it stands on
+//! the wire, JSON ended by a zero byte, with file descriptors beside it.
+
+use std::io::{IoSliceMut, Write};
+use std::mem::MaybeUninit;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+
+use common::library::Snapshot;
+use common::sealed::SealedBytes;
+use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
+use serde_json::{Value, json};
+
+use crate::programs::DEADLINE;
+
+/// A connection to the station.
+#[derive(Debug)]
+pub struct Station(UnixStream);
+
+impl Station {
+    /// Connects; a reply that takes longer than [`DEADLINE`] fails the test.
+    ///
+    /// # Panics
+    /// If nobody listens.
+    pub fn connect(socket: &Path) -> Self {
+        let stream = UnixStream::connect(socket).unwrap_or_else(|e| panic!("{}: {e}", socket.display()));
+        stream.set_read_timeout(Some(DEADLINE)).expect("a socket has a timeout");
+        Self(stream)
+    }
+
+    /// Calls `io.sward.Station.<method>`; the reply as it came, and its descriptors.
+    ///
+    /// # Panics
+    /// If the station hangs up, is silent for too long, or answers with something else than JSON.
+    pub fn call(&mut self, method: &str, parameters: &Value) -> (Value, Vec<OwnedFd>) {
+        let call = json!({"method": format!("io.sward.Station.{method}"), "parameters": parameters});
+        let mut bytes = call.to_string().into_bytes();
+        bytes.push(0);
+        self.0.write_all(&bytes).expect("the station reads");
+        let (mut reply, mut descriptors) = (Vec::new(), Vec::new());
+        while reply.last() != Some(&0) {
+            self.receive(&mut reply, &mut descriptors);
+        }
+        reply.pop();
+        (serde_json::from_slice(&reply).expect("a reply is JSON"), descriptors)
+    }
+
+    fn receive(&self, reply: &mut Vec<u8>, descriptors: &mut Vec<OwnedFd>) {
+        let mut bytes = [0; 4096];
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(8))];
+        let mut ancillary = RecvAncillaryBuffer::new(&mut space);
+        let mut slices = [IoSliceMut::new(&mut bytes)];
+        let message = recvmsg(&self.0, &mut slices, &mut ancillary, RecvFlags::CMSG_CLOEXEC);
+        let read = message.expect("the station answers in time").bytes;
+        assert!(read > 0, "the station hung up");
+        for message in ancillary.drain() {
+            if let RecvAncillaryMessage::ScmRights(rights) = message {
+                descriptors.extend(rights);
+            }
+        }
+        reply.extend_from_slice(&bytes[..read]);
+    }
+
+    /// The newest library, as soon as there is one newer than generation `after`.
+    ///
+    /// # Panics
+    /// If what comes is not one sealed, valid library that keeps what the reply says of it.
+    pub fn library(&mut self, after: u64) -> Snapshot<SealedBytes> {
+        let (reply, descriptors) = self.call("GetLibrary", &json!({"after": after}));
+        let number = |field: &str| reply["parameters"][field].as_u64().unwrap_or_else(|| panic!("{reply}"));
+        assert_eq!((descriptors.len(), number("fd")), (1, 0), "one memfd: {reply}");
+        let bytes = SealedBytes::map(&descriptors[0], number("size")).expect("a sealed memfd");
+        assert_eq!(bytes.as_ref().len() as u64, number("size"));
+        let snapshot = Snapshot::validate(bytes).expect("a valid library");
+        assert_eq!(snapshot.generation(), number("generation"));
+        assert_eq!(snapshot.len() as u64, number("blades"));
+        assert!(snapshot.generation() > after);
+        snapshot
+    }
+
+    /// The first library with at least `blades` blades.
+    pub fn library_of_at_least(&mut self, blades: usize) -> Snapshot<SealedBytes> {
+        let mut library = self.library(0);
+        while library.len() < blades {
+            library = self.library(library.generation());
+        }
+        library
+    }
+
+    /// The reply of `GetStatus`.
+    pub fn status(&mut self) -> Value {
+        let (mut reply, _) = self.call("GetStatus", &json!({}));
+        reply["parameters"]["status"].take()
+    }
+}
