@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 use tests::programs::{DEADLINE, Finished, Program, Running};
-use tests::root;
+use tests::shipped_recording;
 
 fn folder() -> TempDir {
     tempfile::tempdir().expect("a temporary folder")
@@ -13,11 +13,6 @@ fn folder() -> TempDir {
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
-}
-
-/// A shipped recording.
-fn recording() -> PathBuf {
-    root().join("recordings/tuft.mcap")
 }
 
 /// Asserts one sentence on stderr, nothing on stdout, the exit code, and that each of `named` is in
@@ -42,7 +37,7 @@ fn with_config(config: &str) -> (Finished, String) {
     let folder = folder();
     let path = folder.path().join("station.toml");
     write(&path, config).expect("a file");
-    let finished = Program::Capture.run(["replay", text(&recording()), "--config", text(&path)]);
+    let finished = Program::Capture.run(["replay", text(&shipped_recording()), "--config", text(&path)]);
     (finished, text(&path).to_owned())
 }
 
@@ -95,7 +90,7 @@ fn a_config_with_a_value_of_the_wrong_type() {
 #[test]
 fn a_config_with_a_value_out_of_its_range() {
     let (finished, path) = with_config("[refine]\n\nknots = 65\n");
-    refused(&finished, 2, &[&format!("{path}:3:9"), "65", "64"]);
+    refused(&finished, 2, &[&format!("{path}:3:1"), "refine.knots", "2 to 64"]);
 }
 
 #[test]
@@ -107,19 +102,19 @@ fn a_config_that_is_not_toml() {
 #[test]
 fn a_config_that_is_not_there() {
     let lost = folder().path().join("lost.toml");
-    let finished = Program::Capture.run(["replay", text(&recording()), "--config", text(&lost)]);
+    let finished = Program::Capture.run(["replay", text(&shipped_recording()), "--config", text(&lost)]);
     refused(&finished, 2, &[text(&lost)]);
 }
 
 #[test]
 fn an_unknown_key_to_set() {
-    let finished = Program::Capture.run(["replay", text(&recording()), "--set", "mask.nears_m=0.4"]);
+    let finished = Program::Capture.run(["replay", text(&shipped_recording()), "--set", "mask.nears_m=0.4"]);
     refused(&finished, 2, &["nears_m"]);
 }
 
 #[test]
 fn a_value_to_set_that_is_no_toml() {
-    let finished = Program::Capture.run(["replay", text(&recording()), "--set", "mask.near_m=close"]);
+    let finished = Program::Capture.run(["replay", text(&shipped_recording()), "--set", "mask.near_m=close"]);
     refused(&finished, 2, &["mask.near_m"]);
 }
 
@@ -141,7 +136,7 @@ fn a_socket_in_use() {
     let arguments = [
         "run".to_owned(),
         "--set".to_owned(),
-        format!("source.recording={:?}", text(&recording())),
+        format!("source.recording={:?}", text(&shipped_recording())),
         "--set".to_owned(),
         format!("service.socket={:?}", text(&socket)),
         "--set".to_owned(),
