@@ -1,1 +1,16 @@
-//! The meadow.
+//! The meadow: grows the blades of a captured library, as many as the eye can see, into a landscape.
+//!
+//! The way of a frame: a snapshot of the library comes from [`library_watch`] (or a file), is planted
+//! between two frames ([`frame::Meadow::plant`]), and each frame goes through [`frame::Meadow::draw`],
+//! whether to a window ([`app`]) or to files ([`headless`]).
+//!
+//! Invariant: `scene` never names the GPU.
+
+pub mod app;
+pub mod cli;
+pub mod frame;
+pub mod gpu;
+pub mod headless;
+pub mod library_watch;
+pub mod passes;
+pub mod scene;

@@ -8,6 +8,7 @@
 //! # Non-goals
 //! Colour, and cameras with lens distortion.
 
+pub mod accuracy;
 mod blade;
 mod clip;
 mod command;

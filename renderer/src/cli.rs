@@ -1,0 +1,161 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+use glam::Vec2;
+
+use crate::frame::View;
+use crate::scene::camera::Camera;
+
+/// Grows a meadow from the blades that the capture station has in its library.
+#[derive(Clone, Debug, Parser)]
+#[command(version, after_help = EXAMPLES)]
+pub struct Cli {
+    /// The capture station's socket; new blades grow as soon as they are captured
+    #[arg(long, value_name = "PATH", env = "SWARD_SOCKET", default_value = "/run/sward/station.sock")]
+    pub socket: PathBuf,
+
+    /// A library snapshot to grow, in place of a station
+    #[arg(long, value_name = "FILE")]
+    pub library: Option<PathBuf>,
+
+    /// Draw to PNG files and end, without a window; prints the path of each finished picture
+    #[arg(long, requires = "out")]
+    pub headless: bool,
+
+    /// Folder for the pictures; made if it is not there
+    #[arg(long, value_name = "DIR", requires = "headless")]
+    pub out: Option<PathBuf>,
+
+    /// Number of pictures, 1/30 s of the meadow's time apart
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "headless",
+          value_parser = clap::value_parser!(u32).range(1..))]
+    pub frames: u32,
+
+    /// Size of the picture or window, pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
+    pub size: (u32, u32),
+
+    /// Before the first picture, wait until the station's library holds this many blades
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "headless", conflicts_with = "library")]
+    pub wait_blades: usize,
+
+    /// How long to wait for these blades, seconds
+    #[arg(long, value_name = "S", default_value_t = 30.0, requires = "headless", value_parser = parse_number)]
+    pub timeout_secs: f32,
+
+    /// Seconds of the meadow's time for each second; 0 holds the wind still
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_number)]
+    pub time_scale: f32,
+
+    /// Fill the screen
+    #[arg(long, conflicts_with = "headless")]
+    pub fullscreen: bool,
+
+    /// Height of the eye above the ground, metres
+    #[arg(long, value_name = "M", default_value_t = 0.42, value_parser = parse_number)]
+    pub eye_height_m: f32,
+
+    /// Where the eye looks, degrees clockwise from -z seen from above
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = parse_signed)]
+    pub heading_deg: f32,
+
+    /// Where the eye looks, degrees above the horizon
+    #[arg(long, value_name = "DEG", default_value_t = -7.0, allow_negative_numbers = true, value_parser = parse_signed)]
+    pub pitch_deg: f32,
+
+    /// Vertical field of view, degrees, 10 to 120
+    #[arg(long, value_name = "DEG", default_value_t = 48.0, value_parser = parse_fov)]
+    pub fov_deg: f32,
+
+    /// Where the sun stands: heading and elevation, degrees
+    #[arg(long, value_name = "DEG,DEG", default_value = "34,30", allow_hyphen_values = true, value_parser = parse_sun)]
+    pub sun_deg: Vec2,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sward-render --fullscreen
+      the meadow of the station on this machine
+  sward-render --library meadow.sward --size 1920x1080
+      the meadow of a snapshot, in a window
+  sward-render --headless --out pictures --frames 30 --wait-blades 1
+      one second of the meadow as PNGs, once a blade is captured
+Keys: Esc or Q ends.
+Exit status: 0 done; 1 anything that prevents drawing; 2 bad arguments.";
+
+impl Cli {
+    /// The view at `time_s` seconds of the meadow's time.
+    pub fn view(&self, time_s: f32) -> View {
+        View {
+            camera: Camera {
+                foot: Vec2::ZERO,
+                eye_height_m: self.eye_height_m,
+                heading_rad: self.heading_deg.to_radians(),
+                pitch_rad: self.pitch_deg.to_radians(),
+                fov_y_rad: self.fov_deg.to_radians(),
+            },
+            time_s,
+            sun_rad: Vec2::new(self.sun_deg.x.to_radians(), self.sun_deg.y.to_radians()),
+        }
+    }
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let side = |text: &str| text.parse().ok().filter(|side| (16..=8192).contains(side));
+    let (width, height) = text.split_once('x').unwrap_or_default();
+    side(width).zip(side(height)).ok_or_else(|| "expected WxH, each 16 to 8192, as in 1280x720".into())
+}
+
+fn number_in(text: &str, range: std::ops::RangeInclusive<f32>) -> Result<f32, String> {
+    let number = text.parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("expected a number from {} to {}", range.start(), range.end()))
+}
+
+fn parse_number(text: &str) -> Result<f32, String> {
+    number_in(text, 0.0..=1e6)
+}
+
+fn parse_signed(text: &str) -> Result<f32, String> {
+    number_in(text, -360.0..=360.0)
+}
+
+fn parse_fov(text: &str) -> Result<f32, String> {
+    number_in(text, 10.0..=120.0)
+}
+
+fn parse_sun(text: &str) -> Result<Vec2, String> {
+    let (heading, elevation) = text.split_once(',').ok_or("expected heading and elevation, as in 34,30")?;
+    Ok(Vec2::new(parse_signed(heading)?, number_in(elevation, 1.0..=90.0)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn wrong_values_are_refused() {
+        let parse = |args: &[&str]| Cli::try_parse_from(["sward-render"].iter().chain(args));
+        assert_eq!(parse(&["--size", "640x480"]).expect("valid").size, (640, 480));
+        assert_eq!(parse(&["--pitch-deg", "-90"]).expect("valid").pitch_deg, -90.0);
+        for args in [
+            &["--size", "640"][..],
+            &["--size", "0x480"],
+            &["--fov-deg", "NaN"],
+            &["--sun-deg", "10,-5"],
+            &["--headless"],
+            &["--frames", "2"],
+            &["--headless", "--out", "d", "--frames", "0"],
+            &["--headless", "--out", "d", "--library", "f", "--wait-blades", "1"],
+        ] {
+            assert!(parse(args).is_err(), "{args:?}");
+        }
+    }
+}

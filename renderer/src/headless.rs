@@ -1,0 +1,146 @@
+//! The meadow as PNG files, without a window.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use common::library::Snapshot;
+
+use crate::cli::Cli;
+use crate::frame::{Meadow, View};
+use crate::gpu::readback::{self, ReadbackError};
+use crate::gpu::targets::{self, Targets};
+use crate::gpu::{Gpu, device};
+use crate::library_watch::LibraryWatch;
+
+/// Pictures to a second of the meadow's time.
+const FRAMES_PER_SECOND: f32 = 30.0;
+/// How long a picture waits for a station that has not answered yet, when no blade is waited for.
+const FIRST_ANSWER: Duration = Duration::from_secs(2);
+
+/// A meadow that draws to memory.
+#[derive(Debug)]
+pub struct Studio {
+    gpu: Gpu,
+    meadow: Meadow,
+    targets: Targets,
+    picture: wgpu::Texture,
+}
+
+impl Studio {
+    /// A bare meadow for pictures of `size` pixels, on a device of its own.
+    ///
+    /// # Errors
+    /// When there is no Vulkan device.
+    pub fn open(size: (u32, u32)) -> Result<Self, device::OpenError> {
+        let format = wgpu::TextureFormat::Rgba8UnormSrgb;
+        let gpu = Gpu::open(&device::instance(), None)?;
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        Ok(Self {
+            meadow: Meadow::new(&gpu, format),
+            targets: Targets::new(&gpu, size),
+            picture: targets::texture(&gpu, "picture", size, format, 1, usage),
+            gpu,
+        })
+    }
+
+    /// Lets this library grow from the next picture on.
+    pub fn plant<B: AsRef<[u8]>>(&mut self, library: &Snapshot<B>) {
+        self.meadow.plant(&self.gpu, library);
+    }
+
+    /// Draws one frame. Returns sRGB with alpha, 4 bytes a pixel, rows from the top.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn draw(&self, view: &View) -> Result<Vec<u8>, ReadbackError> {
+        self.meadow.draw(&self.gpu, &self.targets, view, &self.picture.create_view(&Default::default()));
+        readback::texels(&self.gpu, &self.picture)
+    }
+}
+
+/// Draws the pictures that the command line asks for, and prints the path of each.
+///
+/// # Errors
+/// No device, a library that is refused, blades that do not come in time, a folder that cannot be
+/// written.
+pub fn run(cli: &Cli) -> anyhow::Result<()> {
+    let out = cli.out.as_deref().context("--headless needs --out DIR")?;
+    std::fs::create_dir_all(out)
+        .with_context(|| format!("cannot make the folder {} for the pictures", out.display()))?;
+    let mut studio = Studio::open(cli.size)?;
+    let watch = match &cli.library {
+        Some(path) => {
+            studio.plant(&read_library(path)?);
+            None
+        }
+        None => {
+            let watch = LibraryWatch::start(cli.socket.clone())?;
+            wait_for_blades(cli, &watch, &mut studio)?;
+            Some(watch)
+        }
+    };
+    for index in 0..cli.frames {
+        if let Some(library) = watch.as_ref().and_then(LibraryWatch::take) {
+            studio.plant(&library);
+        }
+        let started = Instant::now();
+        let pixels = studio.draw(&cli.view(index as f32 / FRAMES_PER_SECOND * cli.time_scale))?;
+        tracing::info!(index, seconds = started.elapsed().as_secs_f32(), "drawn");
+        let path = write_picture(out, index, cli.size, &pixels)?;
+        writeln!(std::io::stdout(), "{}", path.display()).context("cannot write to stdout")?;
+    }
+    Ok(())
+}
+
+/// Reads a snapshot from a file.
+///
+/// # Errors
+/// When the file cannot be read, or is not a valid snapshot.
+pub fn read_library(path: &Path) -> anyhow::Result<Snapshot<Vec<u8>>> {
+    let limit = common::protocol::MAX_SNAPSHOT_BYTES;
+    let read = || -> std::io::Result<(u64, Vec<u8>)> {
+        let mut file = std::fs::File::open(path)?;
+        let size = file.metadata()?.len();
+        let mut bytes = Vec::new();
+        std::io::Read::read_to_end(&mut std::io::Read::take(&mut file, limit + 1), &mut bytes)?;
+        Ok((size, bytes))
+    };
+    let (size, bytes) = read().with_context(|| format!("cannot read the library {}", path.display()))?;
+    if bytes.len() as u64 > limit {
+        bail!("the library {} has {size} bytes; at most {limit} are accepted", path.display());
+    }
+    Snapshot::validate(bytes).with_context(|| format!("the library {} is refused", path.display()))
+}
+
+fn wait_for_blades(cli: &Cli, watch: &LibraryWatch, studio: &mut Studio) -> anyhow::Result<()> {
+    let patience =
+        if cli.wait_blades == 0 { FIRST_ANSWER } else { Duration::from_secs_f32(cli.timeout_secs) };
+    let deadline = Instant::now() + patience;
+    let mut blades = 0;
+    while let Some(library) = watch.wait_until(deadline) {
+        blades = library.len();
+        studio.plant(&library);
+        if blades >= cli.wait_blades {
+            return Ok(());
+        }
+    }
+    if blades < cli.wait_blades {
+        bail!(
+            "the library at {} holds {blades} blades after {} s, expected at least {}: see that the station runs there, or wait longer with --timeout-secs",
+            cli.socket.display(),
+            cli.timeout_secs,
+            cli.wait_blades
+        );
+    }
+    tracing::warn!(socket = %cli.socket.display(), "no answer from the station; the meadow stays bare");
+    Ok(())
+}
+
+fn write_picture(out: &Path, index: u32, size: (u32, u32), pixels: &[u8]) -> anyhow::Result<PathBuf> {
+    let path = out.join(format!("frame-{index:04}.png"));
+    image::save_buffer(&path, pixels, size.0, size.1, image::ColorType::Rgba8)
+        .with_context(|| format!("cannot write the picture {}", path.display()))?;
+    Ok(path)
+}

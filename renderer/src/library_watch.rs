@@ -1,0 +1,209 @@
+//! Follows the capture station's library: a long poll on a thread of its own, and a slot that holds
+//! the newest snapshot until the frame loop takes it.
+//!
+//! A station that is away is tried again; a snapshot that is not valid is refused with its reason.
+//! Either way the meadow keeps what it has.
+
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use common::library::{Snapshot, SnapshotError};
+use common::protocol::{self, MAX_SNAPSHOT_BYTES, StationError};
+use common::sealed::{SealedBytes, SealedError};
+use tokio::sync::oneshot;
+
+/// A validated snapshot in shared memory.
+pub type Library = Snapshot<SealedBytes>;
+
+const FIRST_RETRY: Duration = Duration::from_millis(50);
+const LONGEST_RETRY: Duration = Duration::from_secs(2);
+
+#[zlink::proxy("io.sward.Station")]
+trait StationProxy {
+    #[zlink(return_fds)]
+    async fn get_library(
+        &mut self,
+        after: i64,
+    ) -> zlink::Result<(Result<protocol::Library, StationError>, Vec<OwnedFd>)>;
+}
+
+/// Why a reply of the station is not a library.
+#[derive(Debug, thiserror::Error)]
+enum RefusedError {
+    #[error("it names descriptor {index} of {count}")]
+    NoDescriptor { index: i64, count: usize },
+    #[error(transparent)]
+    Sealed(#[from] SealedError),
+    #[error(transparent)]
+    Snapshot(#[from] SnapshotError),
+    #[error("the reply says {field} {said}, the snapshot has {found}")]
+    Disagrees { field: &'static str, said: i64, found: u64 },
+}
+
+/// Why the conversation with the station ended.
+#[derive(Debug, thiserror::Error)]
+enum LostError {
+    #[error(transparent)]
+    Connection(#[from] zlink::Error),
+    #[error("the station answers {0:?}")]
+    Station(StationError),
+    #[error("the station answers with generation {generation} to a question for one after {after}")]
+    NotNewer { generation: i64, after: i64 },
+}
+
+#[derive(Default)]
+struct Slot {
+    newest: Mutex<Option<Library>>,
+    filled: Condvar,
+}
+
+impl Slot {
+    // A snapshot is put there whole or not at all, so a panic elsewhere leaves nothing half done.
+    fn lock(&self) -> MutexGuard<'_, Option<Library>> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The watch over one station; it ends when this is dropped.
+pub struct LibraryWatch {
+    slot: Arc<Slot>,
+    _stop: oneshot::Sender<()>,
+}
+
+impl LibraryWatch {
+    /// Starts to follow the station at `socket`, which need not be there yet.
+    ///
+    /// # Errors
+    /// When the system gives no thread or no runtime.
+    pub fn start(socket: PathBuf) -> std::io::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let slot = Arc::new(Slot::default());
+        let filled = Arc::clone(&slot);
+        let (stop, stopped) = oneshot::channel();
+        std::thread::Builder::new().name("library-watch".into()).spawn(move || {
+            runtime.block_on(async {
+                tokio::select! {
+                    () = follow_for_ever(&socket, &filled) => {}
+                    _ = stopped => {}
+                }
+            });
+        })?;
+        Ok(Self { slot, _stop: stop })
+    }
+
+    /// The newest library, if one came since the last time. Never waits.
+    pub fn take(&self) -> Option<Library> {
+        self.slot.lock().take()
+    }
+
+    /// The newest library as soon as there is one; `None` when there is none until `deadline`.
+    pub fn wait_until(&self, deadline: Instant) -> Option<Library> {
+        let wait = deadline.saturating_duration_since(Instant::now());
+        let (mut newest, _) = self
+            .slot
+            .filled
+            .wait_timeout_while(self.slot.lock(), wait, |newest| newest.is_none())
+            .unwrap_or_else(PoisonError::into_inner);
+        newest.take()
+    }
+}
+
+async fn follow_for_ever(socket: &Path, slot: &Slot) {
+    let mut after = 0;
+    let mut retry = FIRST_RETRY;
+    let mut said = String::new();
+    loop {
+        let before = after;
+        let Err(error) = follow(socket, &mut after, slot).await;
+        if after != before {
+            retry = FIRST_RETRY;
+        }
+        let reason = error.to_string();
+        if reason != said || after != before {
+            tracing::warn!(socket = %socket.display(), %reason, "no station; the meadow stays, trying again");
+            said = reason;
+        }
+        tokio::time::sleep(retry).await;
+        retry = (retry * 2).min(LONGEST_RETRY);
+    }
+}
+
+/// Follows one connection until it ends.
+async fn follow(socket: &Path, after: &mut i64, slot: &Slot) -> Result<std::convert::Infallible, LostError> {
+    let mut station = zlink::tokio::unix::connect(socket).await?;
+    loop {
+        let (reply, descriptors) = station.get_library(*after).await?;
+        let reply = reply.map_err(LostError::Station)?;
+        if reply.generation <= *after {
+            return Err(LostError::NotNewer { generation: reply.generation, after: *after });
+        }
+        // Counted as seen even when it is refused: asking again would bring the same bytes.
+        *after = reply.generation;
+        match receive(&reply, &descriptors) {
+            Ok(library) => {
+                tracing::info!(generation = reply.generation, blades = library.len(), "new library");
+                *slot.lock() = Some(library);
+                slot.filled.notify_all();
+            }
+            Err(reason) => {
+                tracing::error!(generation = reply.generation, %reason, "library refused; the meadow stays");
+            }
+        }
+    }
+}
+
+fn receive(reply: &protocol::Library, descriptors: &[OwnedFd]) -> Result<Library, RefusedError> {
+    let index = usize::try_from(reply.fd).unwrap_or(usize::MAX);
+    let none = RefusedError::NoDescriptor { index: reply.fd, count: descriptors.len() };
+    let descriptor = descriptors.get(index).ok_or(none)?;
+    let library = Snapshot::validate(SealedBytes::map(descriptor, MAX_SNAPSHOT_BYTES)?)?;
+    for (field, said, found) in [
+        ("generation", reply.generation, library.generation()),
+        ("blades", reply.blades, library.len() as u64),
+        ("size", reply.size, library.bytes().len() as u64),
+    ] {
+        if u64::try_from(said) != Ok(found) {
+            return Err(RefusedError::Disagrees { field, said, found });
+        }
+    }
+    Ok(library)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reply(generation: i64, bytes: &[u8]) -> (protocol::Library, OwnedFd) {
+        let size = bytes.len() as i64;
+        (
+            protocol::Library { generation, blades: 0, size, fd: 0 },
+            common::sealed::seal("t", bytes).expect("memfd"),
+        )
+    }
+
+    #[test]
+    fn a_reply_that_disagrees_with_its_snapshot_is_refused() {
+        let bytes = common::library::encode(7, &[]).expect("empty library");
+        let (right, descriptor) = reply(7, &bytes);
+        let descriptors = [descriptor];
+        assert_eq!(receive(&right, &descriptors).expect("valid").generation(), 7);
+        let refused = |change: fn(&mut protocol::Library)| {
+            let mut wrong = right;
+            change(&mut wrong);
+            receive(&wrong, &descriptors).expect_err("refused").to_string()
+        };
+        assert_eq!(refused(|r| r.generation = 8), "the reply says generation 8, the snapshot has 7");
+        assert_eq!(refused(|r| r.blades = -1), "the reply says blades -1, the snapshot has 0");
+        assert_eq!(refused(|r| r.size = 1), "the reply says size 1, the snapshot has 64");
+        assert_eq!(refused(|r| r.fd = 1), "it names descriptor 1 of 1");
+        assert_eq!(refused(|r| r.fd = -1), "it names descriptor -1 of 1");
+    }
+
+    #[test]
+    fn bytes_that_are_no_snapshot_are_refused() {
+        let (reply, descriptor) = reply(1, b"no meadow here");
+        assert!(matches!(receive(&reply, &[descriptor]), Err(RefusedError::Snapshot(_))));
+    }
+}
