@@ -1,7 +1,8 @@
 //! Does bad input get one clear sentence and the right exit code?
 
+use std::ffi::OsStr;
 use std::fs::write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use tempfile::TempDir;
 use tests::programs::{DEADLINE, Finished, Program, Running};
@@ -13,6 +14,13 @@ fn folder() -> TempDir {
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
+}
+
+/// Runs a program with its log off: what is left on stderr is what it says to its user.
+fn run<A: AsRef<OsStr>>(program: Program, arguments: impl IntoIterator<Item = A>) -> Finished {
+    let mut command = program.command(arguments);
+    command.env("SWARD_LOG", "off");
+    Running::start(command).finish(DEADLINE)
 }
 
 /// Asserts one sentence on stderr, nothing on stdout, the exit code, and that each of `named` is in
@@ -29,7 +37,7 @@ fn refused(finished: &Finished, code: i32, named: &[&str]) {
 }
 
 fn replay(path: &Path) -> Finished {
-    Program::Capture.run(["replay", text(path), "--json"])
+    run(Program::Capture, ["replay", text(path), "--json"])
 }
 
 /// A replay with this text as its config.
@@ -37,7 +45,7 @@ fn with_config(config: &str) -> (Finished, String) {
     let folder = folder();
     let path = folder.path().join("station.toml");
     write(&path, config).expect("a file");
-    let finished = Program::Capture.run(["replay", text(&shipped_recording()), "--config", text(&path)]);
+    let finished = run(Program::Capture, ["replay", text(&shipped_recording()), "--config", text(&path)]);
     (finished, text(&path).to_owned())
 }
 
@@ -102,31 +110,32 @@ fn a_config_that_is_not_toml() {
 #[test]
 fn a_config_that_is_not_there() {
     let lost = folder().path().join("lost.toml");
-    let finished = Program::Capture.run(["replay", text(&shipped_recording()), "--config", text(&lost)]);
+    let finished = run(Program::Capture, ["replay", text(&shipped_recording()), "--config", text(&lost)]);
     refused(&finished, 2, &[text(&lost)]);
 }
 
 #[test]
 fn an_unknown_key_to_set() {
-    let finished = Program::Capture.run(["replay", text(&shipped_recording()), "--set", "mask.nears_m=0.4"]);
+    let finished = run(Program::Capture, ["replay", text(&shipped_recording()), "--set", "mask.nears_m=0.4"]);
     refused(&finished, 2, &["nears_m"]);
 }
 
 #[test]
 fn a_value_to_set_that_is_no_toml() {
-    let finished = Program::Capture.run(["replay", text(&shipped_recording()), "--set", "mask.near_m=close"]);
+    let finished =
+        run(Program::Capture, ["replay", text(&shipped_recording()), "--set", "mask.near_m=close"]);
     refused(&finished, 2, &["mask.near_m"]);
 }
 
 #[test]
 fn an_unknown_verb() {
-    refused(&Program::Capture.run(["replya"]), 2, &["replya"]);
+    refused(&run(Program::Capture, ["replya"]), 2, &["replya"]);
 }
 
 #[test]
 fn an_unknown_option() {
-    refused(&Program::Capture.run(["replay", "--jason"]), 2, &["--jason"]);
-    refused(&Program::Render.run(["--headles"]), 2, &["--headles"]);
+    refused(&run(Program::Capture, ["replay", "--jason"]), 2, &["--jason"]);
+    refused(&run(Program::Render, ["--headles"]), 2, &["--headles"]);
 }
 
 #[test]
@@ -143,7 +152,7 @@ fn a_socket_in_use() {
         "source.loop=true".to_owned(),
     ];
     let first = Running::start(Program::Capture.command(&arguments)).wait_for_socket(&socket);
-    refused(&Program::Capture.run(&arguments), 1, &[text(&socket)]);
+    refused(&run(Program::Capture, &arguments), 1, &[text(&socket)]);
     let mut first = first.wait_for_socket(&socket);
     assert_eq!(first.ended(), None, "the first daemon goes on");
 }
@@ -164,7 +173,7 @@ fn a_library_that_is_a_text_file() {
     write(&library, "This is no library, although it has enough bytes to hold the header of one: 64.")
         .expect("a file");
     let arguments = ["--headless", "--library", text(&library), "--frames", "1", "--out", text(&out)];
-    refused(&Program::Render.run(arguments), 1, &[text(&library)]);
+    refused(&run(Program::Render, arguments), 1, &[text(&library)]);
 }
 
 #[test]
@@ -172,7 +181,7 @@ fn a_library_that_is_not_there() {
     let folder = folder();
     let (library, out) = (folder.path().join("lost.bin"), folder.path().join("out"));
     let arguments = ["--headless", "--library", text(&library), "--frames", "1", "--out", text(&out)];
-    refused(&Program::Render.run(arguments), 1, &[text(&library)]);
+    refused(&run(Program::Render, arguments), 1, &[text(&library)]);
 }
 
 #[test]
@@ -192,5 +201,5 @@ fn no_daemon_within_the_time_given() {
         "--out",
         text(&out),
     ];
-    refused(&Program::Render.run(arguments), 1, &[text(&socket)]);
+    refused(&run(Program::Render, arguments), 1, &[text(&socket)]);
 }
