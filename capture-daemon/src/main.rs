@@ -1,5 +1,6 @@
 //! `sward-capture`: the capture station.
 
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use capture_daemon::cli::{Cli, ConfigArgs, Verb};
@@ -72,12 +73,7 @@ fn refuse_arguments(error: &clap::Error) -> ExitCode {
             ExitCode::from(BAD_ARGUMENTS)
         }
         _ => {
-            let text = error.to_string();
-            let paragraphs =
-                text.split("\n\n").filter(|part| !part.starts_with("Usage") && !part.starts_with("For more"));
-            let words = paragraphs.collect::<Vec<_>>().join("; ");
-            let sentence =
-                words.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" ");
+            let sentence = common::sentence::of_paragraphs(&error.to_string());
             eprintln!("sward-capture: {sentence}; see sward-capture --help.");
             ExitCode::from(BAD_ARGUMENTS)
         }
@@ -87,5 +83,10 @@ fn refuse_arguments(error: &clap::Error) -> ExitCode {
 fn log_to_stderr() {
     let filter = tracing_subscriber::EnvFilter::try_from_env("SWARD_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).init();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .init();
 }

@@ -9,4 +9,5 @@ pub mod library;
 pub mod protocol;
 pub mod refine;
 pub mod sealed;
+pub mod sentence;
 pub mod strand;

@@ -69,10 +69,11 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
     let out = cli.out.as_deref().context("--headless needs --out DIR")?;
     std::fs::create_dir_all(out)
         .with_context(|| format!("cannot make the folder {} for the pictures", out.display()))?;
+    let library = cli.library.as_deref().map(read_library).transpose()?;
     let mut studio = Studio::open(cli.size)?;
-    let watch = match &cli.library {
-        Some(path) => {
-            studio.plant(&read_library(path)?);
+    let watch = match &library {
+        Some(library) => {
+            studio.plant(library);
             None
         }
         None => {

@@ -8,9 +8,25 @@ use renderer::cli::Cli;
 use renderer::{app, headless};
 use tracing_subscriber::EnvFilter;
 
+/// Anything that prevents drawing.
+const FAILED: u8 = 1;
+/// Bad arguments.
+const BAD_ARGUMENTS: u8 = 2;
+
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let filter = EnvFilter::try_from_default_env()
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) if error.use_stderr() => {
+            let sentence = common::sentence::of_paragraphs(&error.to_string());
+            eprintln!("sward-render: {sentence}; see sward-render --help.");
+            return ExitCode::from(BAD_ARGUMENTS);
+        }
+        Err(help) => {
+            print!("{help}");
+            return ExitCode::SUCCESS;
+        }
+    };
+    let filter = EnvFilter::try_from_env("SWARD_LOG")
         .unwrap_or_else(|_| EnvFilter::new("warn,renderer=info,sward_render=info"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
@@ -21,8 +37,8 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("sward-render: {error:#}");
-            ExitCode::FAILURE
+            eprintln!("sward-render: {error:#}.");
+            ExitCode::from(FAILED)
         }
     }
 }

@@ -40,9 +40,11 @@ impl Program {
     pub fn command<A: AsRef<OsStr>>(self, arguments: impl IntoIterator<Item = A>) -> Command {
         let mut command = Command::new(self.path());
         command.args(arguments).current_dir(root()).stdin(Stdio::null());
-        for variable in ["DISPLAY", "WAYLAND_DISPLAY", "RUST_LOG", "NOTIFY_SOCKET", "LISTEN_FDS"] {
+        for variable in ["DISPLAY", "WAYLAND_DISPLAY", "SWARD_LOG", "NOTIFY_SOCKET", "LISTEN_FDS"] {
             command.env_remove(variable);
         }
+        // Where it is not set, Vulkan drivers that look for a display complain on stderr.
+        command.env("XDG_RUNTIME_DIR", std::env::temp_dir());
         command
     }
 

@@ -1,11 +1,12 @@
 //! Does bad input get one clear sentence and the right exit code?
 
+use std::ffi::OsStr;
 use std::fs::write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use tempfile::TempDir;
 use tests::programs::{DEADLINE, Finished, Program, Running};
-use tests::root;
+use tests::shipped_recording;
 
 fn folder() -> TempDir {
     tempfile::tempdir().expect("a temporary folder")
@@ -15,9 +16,11 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-/// A shipped recording.
-fn recording() -> PathBuf {
-    root().join("recordings/tuft.mcap")
+/// Runs a program with its log off: what is left on stderr is what it says to its user.
+fn run<A: AsRef<OsStr>>(program: Program, arguments: impl IntoIterator<Item = A>) -> Finished {
+    let mut command = program.command(arguments);
+    command.env("SWARD_LOG", "off");
+    Running::start(command).finish(DEADLINE)
 }
 
 /// Asserts one sentence on stderr, nothing on stdout, the exit code, and that each of `named` is in
@@ -34,7 +37,7 @@ fn refused(finished: &Finished, code: i32, named: &[&str]) {
 }
 
 fn replay(path: &Path) -> Finished {
-    Program::Capture.run(["replay", text(path), "--json"])
+    run(Program::Capture, ["replay", text(path), "--json"])
 }
 
 /// A replay with this text as its config.
@@ -42,7 +45,7 @@ fn with_config(config: &str) -> (Finished, String) {
     let folder = folder();
     let path = folder.path().join("station.toml");
     write(&path, config).expect("a file");
-    let finished = Program::Capture.run(["replay", text(&recording()), "--config", text(&path)]);
+    let finished = run(Program::Capture, ["replay", text(&shipped_recording()), "--config", text(&path)]);
     (finished, text(&path).to_owned())
 }
 
@@ -95,7 +98,7 @@ fn a_config_with_a_value_of_the_wrong_type() {
 #[test]
 fn a_config_with_a_value_out_of_its_range() {
     let (finished, path) = with_config("[refine]\n\nknots = 65\n");
-    refused(&finished, 2, &[&format!("{path}:3:9"), "65", "64"]);
+    refused(&finished, 2, &[&format!("{path}:3:1"), "refine.knots", "2 to 64"]);
 }
 
 #[test]
@@ -107,31 +110,32 @@ fn a_config_that_is_not_toml() {
 #[test]
 fn a_config_that_is_not_there() {
     let lost = folder().path().join("lost.toml");
-    let finished = Program::Capture.run(["replay", text(&recording()), "--config", text(&lost)]);
+    let finished = run(Program::Capture, ["replay", text(&shipped_recording()), "--config", text(&lost)]);
     refused(&finished, 2, &[text(&lost)]);
 }
 
 #[test]
 fn an_unknown_key_to_set() {
-    let finished = Program::Capture.run(["replay", text(&recording()), "--set", "mask.nears_m=0.4"]);
+    let finished = run(Program::Capture, ["replay", text(&shipped_recording()), "--set", "mask.nears_m=0.4"]);
     refused(&finished, 2, &["nears_m"]);
 }
 
 #[test]
 fn a_value_to_set_that_is_no_toml() {
-    let finished = Program::Capture.run(["replay", text(&recording()), "--set", "mask.near_m=close"]);
+    let finished =
+        run(Program::Capture, ["replay", text(&shipped_recording()), "--set", "mask.near_m=close"]);
     refused(&finished, 2, &["mask.near_m"]);
 }
 
 #[test]
 fn an_unknown_verb() {
-    refused(&Program::Capture.run(["replya"]), 2, &["replya"]);
+    refused(&run(Program::Capture, ["replya"]), 2, &["replya"]);
 }
 
 #[test]
 fn an_unknown_option() {
-    refused(&Program::Capture.run(["replay", "--jason"]), 2, &["--jason"]);
-    refused(&Program::Render.run(["--headles"]), 2, &["--headles"]);
+    refused(&run(Program::Capture, ["replay", "--jason"]), 2, &["--jason"]);
+    refused(&run(Program::Render, ["--headles"]), 2, &["--headles"]);
 }
 
 #[test]
@@ -141,14 +145,14 @@ fn a_socket_in_use() {
     let arguments = [
         "run".to_owned(),
         "--set".to_owned(),
-        format!("source.recording={:?}", text(&recording())),
+        format!("source.recording={:?}", text(&shipped_recording())),
         "--set".to_owned(),
         format!("service.socket={:?}", text(&socket)),
         "--set".to_owned(),
         "source.loop=true".to_owned(),
     ];
     let first = Running::start(Program::Capture.command(&arguments)).wait_for_socket(&socket);
-    refused(&Program::Capture.run(&arguments), 1, &[text(&socket)]);
+    refused(&run(Program::Capture, &arguments), 1, &[text(&socket)]);
     let mut first = first.wait_for_socket(&socket);
     assert_eq!(first.ended(), None, "the first daemon goes on");
 }
@@ -169,7 +173,7 @@ fn a_library_that_is_a_text_file() {
     write(&library, "This is no library, although it has enough bytes to hold the header of one: 64.")
         .expect("a file");
     let arguments = ["--headless", "--library", text(&library), "--frames", "1", "--out", text(&out)];
-    refused(&Program::Render.run(arguments), 1, &[text(&library)]);
+    refused(&run(Program::Render, arguments), 1, &[text(&library)]);
 }
 
 #[test]
@@ -177,7 +181,7 @@ fn a_library_that_is_not_there() {
     let folder = folder();
     let (library, out) = (folder.path().join("lost.bin"), folder.path().join("out"));
     let arguments = ["--headless", "--library", text(&library), "--frames", "1", "--out", text(&out)];
-    refused(&Program::Render.run(arguments), 1, &[text(&library)]);
+    refused(&run(Program::Render, arguments), 1, &[text(&library)]);
 }
 
 #[test]
@@ -197,5 +201,5 @@ fn no_daemon_within_the_time_given() {
         "--out",
         text(&out),
     ];
-    refused(&Program::Render.run(arguments), 1, &[text(&socket)]);
+    refused(&run(Program::Render, arguments), 1, &[text(&socket)]);
 }

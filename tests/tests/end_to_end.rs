@@ -1,41 +1,68 @@
 //! Do the blades of a recording come through the daemon and its socket into the picture?
 
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 
+use common::blade::check_knots;
 use common::library::library_hash;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use tests::programs::{Program, Running};
-use tests::root;
+use tests::shipped_recording;
 use tests::station::Station;
 
-/// A shipped recording.
-fn recording() -> PathBuf {
-    root().join("recordings/tuft.mcap")
+/// Two visitors after each other, each with a blade: the frames of two synthetic recordings in one
+/// folder of pictures.
+fn two_visitors(folder: &Path) -> PathBuf {
+    let both = folder.join("both");
+    std::fs::create_dir(&both).expect("a folder");
+    for seed in ["3", "4"] {
+        let arguments =
+            ["--family", "single", "--format", "png", "--size", "320x240", "--seed", seed, "--out"];
+        let arguments = ["synth"].into_iter().chain(arguments).map(Path::new).chain([folder]);
+        assert_eq!(Program::Capture.run(arguments).code, Some(0));
+        let visitor = std::fs::read_dir(folder.join(format!("single-{seed}"))).expect("it was written");
+        for frame in visitor.map(|entry| entry.expect("readable").path()) {
+            let name = frame.file_name().and_then(|name| name.to_str()).expect("UTF-8");
+            let name = if name == "camera.toml" { name.to_owned() } else { format!("{seed}-{name}") };
+            std::fs::rename(&frame, both.join(name)).expect("the same folder");
+        }
+    }
+    both
 }
 
-/// A daemon on the shipped recording, with a socket of its own.
+/// A daemon on a recording, with a socket of its own.
 struct Daemon {
     folder: TempDir,
-    _running: Running,
+    running: Running,
 }
 
 impl Daemon {
-    /// `again`: the recording starts over at its end; `rate`: how fast, 0 as fast as it can.
-    fn start(again: bool, rate: f64) -> Self {
-        let folder = tempfile::tempdir().expect("a temporary folder");
+    /// `rate`: how fast the recording of `folder` plays, 0 as fast as it can.
+    fn start(folder: TempDir, recording: &Path, rate: f64) -> Self {
         let socket = folder.path().join("station.socket");
         let settings = [
-            format!("source.recording={:?}", recording()),
-            format!("source.loop={again}"),
+            format!("source.recording={recording:?}"),
             format!("source.rate={rate:?}"),
             format!("service.socket={socket:?}"),
         ];
         let arguments = settings.into_iter().flat_map(|setting| ["--set".to_owned(), setting]);
         let command = Program::Capture.command(["run".to_owned()].into_iter().chain(arguments));
         let running = Running::start(command).wait_for_socket(&socket);
-        Self { folder, _running: running }
+        Self { folder, running }
+    }
+
+    fn on_the_shipped_recording() -> Self {
+        Self::start(folder(), &shipped_recording(), 0.0)
+    }
+
+    fn on_two_visitors() -> Self {
+        let folder = folder();
+        let recording = two_visitors(folder.path());
+        Self::start(folder, &recording, 1.0)
     }
 
     fn socket(&self) -> PathBuf {
@@ -47,9 +74,13 @@ impl Daemon {
     }
 }
 
+fn folder() -> TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
 /// The events of a replay of the shipped recording.
 fn replay() -> Vec<Value> {
-    let recording = recording();
+    let recording = shipped_recording();
     let finished = Program::Capture.run([Path::new("replay"), &recording, Path::new("--json")]);
     assert_eq!(finished.code, Some(0), "{finished:?}");
     finished.stdout.lines().map(|line| serde_json::from_str(line).expect("JSON Lines")).collect()
@@ -65,7 +96,7 @@ fn the_library_holds_the_very_blades_of_a_replay() {
     assert!(!ids.is_empty(), "the recording shows blades");
     assert_eq!(end["blades"].as_u64(), Some(ids.len() as u64));
 
-    let daemon = Daemon::start(false, 0.0);
+    let daemon = Daemon::on_the_shipped_recording();
     let library = daemon.connect().library_of_at_least(ids.len());
     let captured: BTreeSet<String> = library.blades().map(|blade| blade.id().to_string()).collect();
     assert_eq!(captured.iter().map(String::as_str).collect::<BTreeSet<_>>(), ids);
@@ -78,46 +109,55 @@ fn a_replay_is_the_same_every_time() {
 }
 
 #[test]
-fn a_reader_that_waits_gets_the_next_generation() {
-    let daemon = Daemon::start(true, 0.0);
-    let mut station = daemon.connect();
-    let first = station.library_of_at_least(1);
-    let second = station.library(first.generation());
-    assert!(second.generation() > first.generation());
-    let status = station.status();
-    assert!(status["frames"].as_u64() > Some(0), "{status}");
-    assert!(status["generation"].as_u64() >= Some(second.generation()), "{status}");
-}
-
-#[test]
-fn a_reader_that_stalls_holds_nobody_up() {
-    let daemon = Daemon::start(true, 0.0);
-    let mut stalled = daemon.connect();
-    stalled.library(0);
-    let mut reader = daemon.connect();
+fn a_reader_that_waits_gets_each_generation_and_one_that_stalls_the_newest() {
+    let daemon = Daemon::on_two_visitors();
+    let (mut reader, mut stalled) = (daemon.connect(), daemon.connect());
+    let seen = stalled.library(0).generation();
     let first = reader.library_of_at_least(1);
     let second = reader.library(first.generation());
-    let newest = stalled.library(1).generation();
-    assert!(newest >= second.generation(), "the newest, not the next: {newest}");
+    assert_eq!((first.len(), second.len()), (1, 2), "the second visitor's blade joins the first's");
+    assert!(second.generation() > first.generation());
+    assert_eq!(stalled.library(seen).generation(), second.generation(), "the newest, not the next");
+
+    let status = reader.status();
+    assert_eq!(status["generation"].as_u64(), Some(second.generation()), "{status}");
+    assert_eq!((status["blades"].as_u64(), status["captures"].as_u64()), (Some(2), Some(2)), "{status}");
+    assert!(status["frames"].as_u64() > Some(0), "{status}");
 }
 
 #[test]
-fn what_the_interface_does_not_know_gets_an_error() {
-    let daemon = Daemon::start(true, 1.0);
+fn a_library_that_was_received_outlives_the_daemon() {
+    let mut daemon = Daemon::on_the_shipped_recording();
+    let library = daemon.connect().library_of_at_least(1);
+    let hash = library_hash(library.bytes());
+    daemon.running.kill();
+    assert_eq!(library_hash(library.bytes()), hash);
+    assert!(library.blades().all(|blade| check_knots(&blade.knots()).is_ok()));
+}
+
+#[test]
+fn what_the_interface_does_not_know_harms_nobody_else() {
+    let daemon = Daemon::on_the_shipped_recording();
     let mut station = daemon.connect();
     let (reply, descriptors) = station.call("GetLibrary", &json!({"after": -1}));
     assert_eq!(reply["error"], "io.sward.Station.InvalidGeneration", "{reply}");
     assert!(descriptors.is_empty());
-    let (reply, _) = daemon.connect().call("MowTheLawn", &json!({}));
-    assert!(reply["error"].is_string(), "{reply}");
-    assert!(daemon.connect().status()["state"].is_string(), "the station still answers");
+    let mut noise = UnixStream::connect(daemon.socket()).expect("it listens");
+    noise.write_all(b"\x16\x03\x01 mow the lawn\0{}\0").expect("it reads");
+    let mut unknown = UnixStream::connect(daemon.socket()).expect("it listens");
+    unknown.write_all(b"{\"method\":\"io.sward.Station.Mow\"}\0").expect("it reads");
+    let mut reply = [0; 100];
+    let read = unknown.read(&mut reply).expect("it answers");
+    let reply = String::from_utf8_lossy(&reply[..read]).into_owned();
+    assert!(reply.contains("org.varlink.service.MethodNotFound"), "{reply}");
+    assert!(station.status()["state"].is_string(), "the station still answers");
 }
 
 #[test]
 fn the_renderer_draws_the_daemons_blades() {
-    let daemon = Daemon::start(true, 1.0);
+    let daemon = Daemon::on_two_visitors();
     let (socket, out) = (daemon.socket(), daemon.folder.path().join("pictures"));
-    let arguments: [&dyn AsRef<std::ffi::OsStr>; 11] = [
+    let arguments: [&dyn AsRef<OsStr>; 11] = [
         &"--headless",
         &"--socket",
         &socket,
@@ -126,11 +166,11 @@ fn the_renderer_draws_the_daemons_blades() {
         &"--frames",
         &"2",
         &"--wait-blades",
-        &"1",
+        &"2",
         &"--timeout-secs",
         &"50",
     ];
-    let finished = Program::Render.run(arguments.map(|argument| argument.as_ref().to_owned()));
+    let finished = Program::Render.run(arguments);
     assert_eq!(finished.code, Some(0), "{finished:?}");
     let pictures: Vec<&str> = finished.stdout.lines().collect();
     assert_eq!(pictures.len(), 2, "each path alone on a line: {finished:?}");
