@@ -24,7 +24,8 @@ const HORIZON = vec3f(0.86, 1.08, 1.26);
 const SKY_FILL = vec3f(0.52, 0.72, 0.98);
 
 fn hash(x: i32, z: i32) -> u32 {
-    var h = (bitcast<u32>(x) * 0x9E3779B1u) ^ (bitcast<u32>(z) * 0x85EBCA77u);
+    var h = bitcast<u32>(x) * 0x9E3779B1u;
+    h = (h ^ h >> 15u) * 0x2C1B3C6Du + bitcast<u32>(z) * 0x85EBCA77u;
     h ^= h >> 16u;
     h *= 0x85EBCA6Bu;
     h ^= h >> 13u;

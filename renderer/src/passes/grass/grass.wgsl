@@ -169,7 +169,9 @@ fn fs_main(ribbon: Ribbon) -> @location(0) vec4f {
 
     let half_way = normalize(to_eye + to_sun);
     let fresnel = 0.04 + 0.5 * pow(1.0 - max(dot(to_eye, half_way), 0.0), 5.0);
-    let gloss = pow(max(dot(n, half_way), 0.0), 42.0) * fresnel * 3.2 * ribbon.through_and_gloss.y;
+    // Far away a highlight is smaller than a pixel, and would only sparkle.
+    let calm = 1.0 / (1.0 + distance_m * distance_m * 0.12);
+    let gloss = pow(max(dot(n, half_way), 0.0), 38.0) * fresnel * 2.2 * calm * ribbon.through_and_gloss.y;
 
     let sky = mix(vec3f(0.10, 0.14, 0.04), SKY_FILL, 0.5 + 0.5 * n.y) * (0.85 * open_sky);
     let sheen = SKY_FILL * (0.05 * open_sky * pow(1.0 - max(dot(n, to_eye), 0.0), 3.0));
