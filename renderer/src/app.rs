@@ -28,8 +28,11 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         Some(_) => None,
         None => Some(LibraryWatch::start(cli.socket.clone())?),
     };
-    let event_loop = EventLoop::new()
-        .context("cannot open a display, expected X11 or Wayland; use --headless to draw to files")?;
+    let event_loop = EventLoop::new().map_err(|error| {
+        // winit's text names its own source lines.
+        tracing::debug!(%error, "no display");
+        anyhow::anyhow!("cannot open a display: expected X11 at DISPLAY or Wayland at WAYLAND_DISPLAY; set one, or use --headless to draw to files")
+    })?;
     event_loop.set_control_flow(ControlFlow::Poll);
     let mut app = App { cli, library, watch, stage: None, failure: None };
     event_loop.run_app(&mut app).context("the display ended")?;
@@ -106,10 +109,16 @@ fn ends(key: &Key) -> bool {
 
 impl Stage {
     fn open(event_loop: &ActiveEventLoop, cli: &Cli) -> anyhow::Result<Self> {
-        let attributes = Window::default_attributes()
+        let mut attributes = Window::default_attributes()
             .with_title("Sward")
-            .with_inner_size(PhysicalSize::new(cli.size.0, cli.size.1))
-            .with_fullscreen(cli.fullscreen.then_some(Fullscreen::Borderless(None)));
+            .with_inner_size(PhysicalSize::new(cli.size.0, cli.size.1));
+        if cli.fullscreen {
+            attributes = attributes.with_fullscreen(Some(Fullscreen::Borderless(None)));
+            // A kiosk without a window manager has nobody who would enlarge the window.
+            if let Some(monitor) = event_loop.available_monitors().next() {
+                attributes = attributes.with_inner_size(monitor.size()).with_position(monitor.position());
+            }
+        }
         let window = Arc::new(event_loop.create_window(attributes).context("cannot open a window")?);
         let instance = device::instance();
         let surface = instance.create_surface(Arc::clone(&window)).context(

@@ -69,18 +69,15 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
     let out = cli.out.as_deref().context("--headless needs --out DIR")?;
     std::fs::create_dir_all(out)
         .with_context(|| format!("cannot make the folder {} for the pictures", out.display()))?;
+    let library = cli.library.as_deref().map(read_library).transpose()?;
     let mut studio = Studio::open(cli.size)?;
-    let watch = match &cli.library {
-        Some(path) => {
-            studio.plant(&read_library(path)?);
-            None
-        }
-        None => {
-            let watch = LibraryWatch::start(cli.socket.clone())?;
-            wait_for_blades(cli, &watch, &mut studio)?;
-            Some(watch)
-        }
-    };
+    let mut watch = None;
+    if let Some(library) = library {
+        studio.plant(&library);
+    } else {
+        let watch = watch.insert(LibraryWatch::start(cli.socket.clone())?);
+        wait_for_blades(cli, watch, &mut studio)?;
+    }
     for index in 0..cli.frames {
         if let Some(library) = watch.as_ref().and_then(LibraryWatch::take) {
             studio.plant(&library);
