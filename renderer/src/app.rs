@@ -17,6 +17,7 @@ use crate::gpu::targets::Targets;
 use crate::gpu::{Gpu, device};
 use crate::headless;
 use crate::library_watch::LibraryWatch;
+use crate::scene::camera;
 
 /// Shows the meadow until it is closed.
 ///
@@ -165,7 +166,10 @@ impl Stage {
             Outdated | Lost => return self.resize(self.window.inner_size()),
             Timeout | Occluded | Validation => return,
         };
-        let seconds = self.started.elapsed().as_secs_f32() * cli.time_scale;
+        // Wind and clouds start anew with each round, about once an hour: their noise has no period,
+        // and after months of running the seconds would be too large to tell frames apart.
+        let elapsed = self.started.elapsed().as_secs_f64() * f64::from(cli.time_scale);
+        let seconds = elapsed.rem_euclid(f64::from(camera::WALK_S)) as f32;
         let mut view = cli.view(seconds);
         view.camera = view.camera.drifted(seconds);
         self.meadow.draw(&self.gpu, &self.targets, &view, &picture.texture.create_view(&Default::default()));

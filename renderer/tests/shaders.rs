@@ -84,6 +84,6 @@ fn structs_lie_in_memory_as_in_rust() {
     check_layout!(&cull, Window { first_tile_x, first_tile_z, side, reach_m });
     check_layout!(&cull, Instance { root_in_world, blade_and_lushness, bend_rad, presence, widen });
     check_layout!(&cull, Draw { index_count, instance_count, first_index, base_vertex, first_instance });
-    check_layout!(&grass, Shape { first_knot, knot_count, length_m, max_width_m });
+    check_layout!(&grass, Shape { first_knot, knot_count });
     check_layout!(&grass, Knot { position, half_width_left, across, half_width_right });
 }

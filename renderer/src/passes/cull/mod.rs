@@ -66,7 +66,7 @@ pub mod gpu_data {
         pub root_in_world: glam::Vec3,
         /// Index in the patch (16 bits), lushness 0..=255 above.
         pub blade_and_lushness: u32,
-        /// The tip's angle in the wind, radians along x and z.
+        /// The tip's angle, of wind and tuft together, radians along x and z.
         pub bend_rad: glam::Vec2,
         /// How much of it is there, 0 to 1: it grows or sinks as its tile comes nearer or goes.
         pub presence: f32,

@@ -21,10 +21,6 @@ pub mod gpu_data {
         pub first_knot: u32,
         /// Its number of knots, 2..=64.
         pub knot_count: u32,
-        /// Arc length, metres.
-        pub length_m: f32,
-        /// Largest width, metres.
-        pub max_width_m: f32,
     }
 }
 use gpu_data::Shape;
@@ -90,12 +86,7 @@ impl Grass {
                 };
                 reach_m = blade.knots().iter().fold(reach_m, farthest);
                 let range = blade.knot_range();
-                Shape {
-                    first_knot: range.start as u32,
-                    knot_count: range.len() as u32,
-                    length_m: blade.length_m(),
-                    max_width_m: blade.max_width_m(),
-                }
+                Shape { first_knot: range.start as u32, knot_count: range.len() as u32 }
             })
             .collect();
         let store = |label, bytes: &[u8]| upload(gpu, label, BufferUsages::STORAGE, bytes);
