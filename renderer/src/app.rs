@@ -17,6 +17,7 @@ use crate::gpu::targets::Targets;
 use crate::gpu::{Gpu, device};
 use crate::headless;
 use crate::library_watch::LibraryWatch;
+use crate::scene::camera;
 
 /// Shows the meadow until it is closed.
 ///
@@ -28,8 +29,11 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         Some(_) => None,
         None => Some(LibraryWatch::start(cli.socket.clone())?),
     };
-    let event_loop = EventLoop::new()
-        .context("cannot open a display, expected X11 or Wayland; use --headless to draw to files")?;
+    let event_loop = EventLoop::new().map_err(|error| {
+        // winit's text names its own source lines.
+        tracing::debug!(%error, "no display");
+        anyhow::anyhow!("cannot open a display: expected X11 at DISPLAY or Wayland at WAYLAND_DISPLAY; set one, or use --headless to draw to files")
+    })?;
     event_loop.set_control_flow(ControlFlow::Poll);
     let mut app = App { cli, library, watch, stage: None, failure: None };
     event_loop.run_app(&mut app).context("the display ended")?;
@@ -106,10 +110,16 @@ fn ends(key: &Key) -> bool {
 
 impl Stage {
     fn open(event_loop: &ActiveEventLoop, cli: &Cli) -> anyhow::Result<Self> {
-        let attributes = Window::default_attributes()
+        let mut attributes = Window::default_attributes()
             .with_title("Sward")
-            .with_inner_size(PhysicalSize::new(cli.size.0, cli.size.1))
-            .with_fullscreen(cli.fullscreen.then_some(Fullscreen::Borderless(None)));
+            .with_inner_size(PhysicalSize::new(cli.size.0, cli.size.1));
+        if cli.fullscreen {
+            attributes = attributes.with_fullscreen(Some(Fullscreen::Borderless(None)));
+            // A kiosk without a window manager has nobody who would enlarge the window.
+            if let Some(monitor) = event_loop.available_monitors().next() {
+                attributes = attributes.with_inner_size(monitor.size()).with_position(monitor.position());
+            }
+        }
         let window = Arc::new(event_loop.create_window(attributes).context("cannot open a window")?);
         let instance = device::instance();
         let surface = instance.create_surface(Arc::clone(&window)).context(
@@ -156,7 +166,10 @@ impl Stage {
             Outdated | Lost => return self.resize(self.window.inner_size()),
             Timeout | Occluded | Validation => return,
         };
-        let seconds = self.started.elapsed().as_secs_f32() * cli.time_scale;
+        // Wind and clouds start anew with each round, about once an hour: their noise has no period,
+        // and after months of running the seconds would be too large to tell frames apart.
+        let elapsed = self.started.elapsed().as_secs_f64() * f64::from(cli.time_scale);
+        let seconds = elapsed.rem_euclid(f64::from(camera::WALK_S)) as f32;
         let mut view = cli.view(seconds);
         view.camera = view.camera.drifted(seconds);
         self.meadow.draw(&self.gpu, &self.targets, &view, &picture.texture.create_view(&Default::default()));

@@ -70,7 +70,7 @@ pub struct Cli {
     pub fov_deg: f32,
 
     /// Where the sun stands: heading and elevation, degrees
-    #[arg(long, value_name = "DEG,DEG", default_value = "34,30", allow_hyphen_values = true, value_parser = parse_sun)]
+    #[arg(long, value_name = "DEG,DEG", default_value = "46,24", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun_deg: Vec2,
 }
 

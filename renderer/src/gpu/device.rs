@@ -59,6 +59,8 @@ impl Gpu {
         let info = adapter.get_info();
         let (device, queue) = ready(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("sward"),
+            // One indirect draw serves all levels of detail, each with its own first instance.
+            required_features: wgpu::Features::INDIRECT_FIRST_INSTANCE,
             required_limits: wgpu::Limits::default().using_resolution(adapter.limits()),
             ..Default::default()
         }))

@@ -24,7 +24,8 @@ const HORIZON = vec3f(0.86, 1.08, 1.26);
 const SKY_FILL = vec3f(0.52, 0.72, 0.98);
 
 fn hash(x: i32, z: i32) -> u32 {
-    var h = (bitcast<u32>(x) * 0x9E3779B1u) ^ (bitcast<u32>(z) * 0x85EBCA77u);
+    var h = bitcast<u32>(x) * 0x9E3779B1u;
+    h = (h ^ h >> 15u) * 0x2C1B3C6Du + bitcast<u32>(z) * 0x85EBCA77u;
     h ^= h >> 16u;
     h *= 0x85EBCA6Bu;
     h ^= h >> 13u;
@@ -62,7 +63,12 @@ fn density(p: vec2f) -> f32 {
 }
 
 fn lushness(p: vec2f) -> f32 {
-    return clamp(0.55 + 0.62 * perlin(p * (1.0 / 5.7)) + 0.34 * perlin(p * (1.0 / 1.3)), 0.0, 1.0);
+    let patches = 0.62 * perlin(p * (1.0 / 5.7)) + 0.34 * perlin(p * (1.0 / 1.3)) + 0.30 * perlin(p * (1.0 / 0.43));
+    return clamp(0.52 + patches, 0.0, 1.0);
+}
+
+fn tuft_lean_rad(p: vec2f) -> vec2f {
+    return 0.42 * vec2f(perlin(p * (1.0 / 0.47)), perlin(p * (1.0 / 0.47) + vec2f(31.7, 11.3)));
 }
 
 fn bend_rad(root: vec2f, time_s: f32) -> vec2f {
@@ -71,6 +77,12 @@ fn bend_rad(root: vec2f, time_s: f32) -> vec2f {
     let flutter = perlin(travelled * (1.0 / 0.45) + vec2f(0.0, 0.7 * time_s));
     return WIND_DIRECTION * (0.10 + 0.14 * gust)
         + vec2f(-WIND_DIRECTION.y, WIND_DIRECTION.x) * (0.07 * flutter);
+}
+
+// How much of the sun passes the clouds above `p`, 0.3 to 1.
+fn sunlight(p: vec2f) -> f32 {
+    let drift = p * (1.0 / 19.0) + vec2f(0.03, 0.01) * frame.time_s + vec2f(0.35, 0.6);
+    return mix(0.30, 1.0, smoothstep(-0.38, 0.02, perlin(drift) + 0.25 * perlin(drift * 3.1)));
 }
 
 // Radiance of the clear sky towards `direction`, without the sun's disc.
@@ -86,4 +98,11 @@ fn sky_radiance(direction: vec3f) -> vec3f {
 fn with_haze(colour: vec3f, direction: vec3f, distance_m: f32) -> vec3f {
     let haze = sky_radiance(normalize(vec3f(direction.x, 0.02, direction.z))) * 0.92;
     return mix(haze, colour, exp(-distance_m * (1.0 / 150.0)));
+}
+
+// Scene light as it is stored: within 0..1, so that one bright sample of four does not outshine the
+// others of its pixel. `passes/tone` undoes it after they are averaged.
+// Source: Karis, "Tone mapping", 2013.
+fn stored(colour: vec3f) -> vec4f {
+    return vec4f(colour / (1.0 + max(colour.r, max(colour.g, colour.b))), 1.0);
 }

@@ -8,6 +8,9 @@ use super::terrain;
 /// Distance of the near plane, metres.
 const NEAR_M: f32 = 0.04;
 
+/// Seconds after which [`Camera::drifted`] comes back to its start.
+pub const WALK_S: f32 = 4096.0;
+
 /// A camera that stands on the ground. World: x right, y up, z towards the viewer at heading 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
@@ -47,12 +50,15 @@ impl Camera {
         directx::perspective_infinite_reverse(self.fov_y_rad, aspect, NEAR_M) * view_from_world
     }
 
-    /// The camera after `seconds` of a slow walk: it sways its view and moves forward, unhurried.
+    /// The camera `seconds` into an unhurried walk: a circle of 4 m across, swaying its view. Comes
+    /// back to where it was after [`WALK_S`], so that it never strays to where numbers get coarse.
     pub fn drifted(&self, seconds: f32) -> Self {
-        let direction = Vec2::new(self.heading_rad.sin(), -self.heading_rad.cos());
+        let turns = |count: f32| std::f32::consts::TAU * count * seconds / WALK_S;
+        let (sin, cos) = turns(16.0).sin_cos();
+        let step = Vec2::new(1.0 - cos, -sin) * 2.0;
         Self {
-            foot: self.foot + direction * (0.06 * seconds),
-            heading_rad: self.heading_rad + 0.08 * (seconds * 0.11).sin(),
+            foot: self.foot + Vec2::from_angle(self.heading_rad).rotate(step),
+            heading_rad: self.heading_rad + 0.10 * turns(61.0).sin(),
             ..*self
         }
     }
@@ -96,6 +102,18 @@ mod tests {
             let inside_planes = planes.iter().all(|plane| plane.dot(p.extend(1.0)) > 0.0);
             assert_eq!(inside_clip, inside_planes, "point {p}");
         }
+    }
+
+    #[test]
+    fn the_walk_is_a_round() {
+        let camera =
+            Camera { foot: Vec2::ONE, eye_height_m: 0.5, heading_rad: 1.0, pitch_rad: 0.0, fov_y_rad: 0.9 };
+        let (start, end) = (camera.drifted(0.0), camera.drifted(WALK_S));
+        assert_eq!(start, camera);
+        assert!(end.foot.distance(camera.foot) < 1e-3 && (end.heading_rad - 1.0).abs() < 1e-3);
+        let ahead = camera.drifted(1.0).foot - camera.foot;
+        let forward = Vec2::new(camera.forward().x, camera.forward().z);
+        assert!(ahead.normalize().dot(forward) > 0.9, "it sets out forward, not {ahead}");
     }
 
     #[test]

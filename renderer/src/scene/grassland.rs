@@ -21,8 +21,8 @@ pub const PATCH_BLADES: u32 = 16_384;
 pub const TILE_BLADES: u32 = 64;
 /// Cells of the jittered grid along one side of a tile.
 pub const GRID_SIDE: u32 = 8;
-/// Side of a tile, metres: 64 blades on it are 1600 on a square metre.
-pub const TILE_M: f32 = 0.2;
+/// Side of a tile, metres: 64 blades on it are 2000 on a square metre.
+pub const TILE_M: f32 = 0.18;
 /// Number of values of a shape index: 12 bits.
 pub const SHAPES: usize = 4096;
 /// Smallest and largest scale of a blade.
@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn the_patch_stays_within_its_memory() {
         assert_eq!(size_of::<PatchBlade>(), 16);
-        assert!(std::mem::size_of_val(&patch(1)[..]) <= 256 * 1024);
+        assert!(size_of_val(&patch(1)[..]) <= 256 * 1024);
     }
 
     #[test]

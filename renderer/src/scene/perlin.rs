@@ -4,10 +4,11 @@ use glam::Vec2;
 
 /// Mixes two lattice coordinates into 32 well-spread bits.
 ///
-/// The finaliser is MurmurHash3's (Appleby, public domain), over the coordinates times two odd
-/// constants. Wrapping 32-bit integers only, so that the GPU gives the very same bits.
+/// The finaliser is MurmurHash3's (Appleby, public domain), over a sum of both coordinates,
+/// each spread by odd constants. Wrapping 32-bit integers only, so that the GPU gives the very same bits.
 pub fn hash(x: i32, z: i32) -> u32 {
-    let mut h = (x as u32).wrapping_mul(0x9E37_79B1) ^ (z as u32).wrapping_mul(0x85EB_CA77);
+    let mut h = (x as u32).wrapping_mul(0x9E37_79B1);
+    h = (h ^ h >> 15).wrapping_mul(0x2C1B_3C6D).wrapping_add((z as u32).wrapping_mul(0x85EB_CA77));
     h ^= h >> 16;
     h = h.wrapping_mul(0x85EB_CA6B);
     h ^= h >> 13;

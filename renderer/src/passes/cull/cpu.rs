@@ -59,7 +59,7 @@ fn grow_tile(
         levels[level].push(Instance {
             root_in_world: on_ground(root),
             blade_and_lushness: index | lush << 16,
-            bend_rad: wind::bend_rad(root, frame.time_s),
+            bend_rad: wind::bend_rad(root, frame.time_s) + terrain::tuft_lean_rad(root),
             presence: (wanted - rank as f32).clamp(0.0, 1.0) * far_fade,
             widen,
         });

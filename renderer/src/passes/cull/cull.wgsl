@@ -97,7 +97,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         var instance: Instance;
         instance.root_in_world = vec3f(root.x, ground_height_m(root), root.y);
         instance.blade_and_lushness = index | lush << 16u;
-        instance.bend_rad = bend_rad(root, frame.time_s);
+        instance.bend_rad = bend_rad(root, frame.time_s) + tuft_lean_rad(root);
         instance.presence = clamp(wanted - f32(rank), 0.0, 1.0) * far_fade;
         instance.widen = widen;
         instances[LEVEL_FIRST[level] + slot] = instance;

@@ -1,6 +1,5 @@
 //! Which blades are drawn: a tile is thrown away out of view or too far off, the others grow as many
-//! of their blades as their distance calls for, packed into one indexed indirect draw for each level
-//! of detail.
+//! of their blades as their distance calls for, packed by level of detail into one indirect draw.
 //!
 //! Alternatives: one invocation a blade is four times the work on a software rasteriser, since most
 //! tiles around the eye are out of view. Non-goal: occlusion.
@@ -66,7 +65,7 @@ pub mod gpu_data {
         pub root_in_world: glam::Vec3,
         /// Index in the patch (16 bits), lushness 0..=255 above.
         pub blade_and_lushness: u32,
-        /// The tip's angle in the wind, radians along x and z.
+        /// The tip's angle, of wind and tuft together, radians along x and z.
         pub bend_rad: glam::Vec2,
         /// How much of it is there, 0 to 1: it grows or sinks as its tile comes nearer or goes.
         pub presence: f32,
@@ -86,7 +85,7 @@ pub mod gpu_data {
         pub first_index: u32,
         /// Tells the vertex shader the level.
         pub base_vertex: i32,
-        /// Zero: the level's region is bound by its offset.
+        /// Where the level's region of the instances begins.
         pub first_instance: u32,
     }
 }
@@ -130,17 +129,13 @@ pub fn window(eye: glam::Vec3, reach_m: f32) -> Window {
 
 /// The draws with no blade in them.
 pub fn empty_draws() -> [Draw; LEVELS.len()] {
-    let mut level = 0;
-    LEVELS.map(|Level { rows, .. }| {
-        let base_vertex = (level * VERTICES_A_LEVEL) as i32;
-        level += 1;
-        Draw {
-            index_count: 6 * (rows - 1),
-            instance_count: 0,
-            first_index: 0,
-            base_vertex,
-            first_instance: 0,
-        }
+    let regions = regions();
+    std::array::from_fn(|level| Draw {
+        index_count: 6 * (LEVELS[level].rows - 1),
+        instance_count: 0,
+        first_index: 0,
+        base_vertex: (level as u32 * VERTICES_A_LEVEL) as i32,
+        first_instance: regions[level].start,
     })
 }
 
@@ -155,15 +150,12 @@ pub struct Cull {
     pub draws: wgpu::Buffer,
     /// [`Instance`]s, each level in its region.
     pub instances: wgpu::Buffer,
-    /// The levels' regions, as indices of instances.
-    pub regions: [Range<u32>; LEVELS.len()],
 }
 
 impl Cull {
     /// The pass over this patch, with the frame's layout.
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, patch: &wgpu::Buffer) -> Self {
-        let regions = regions();
-        let capacity = regions[LEVELS.len() - 1].end as usize;
+        let capacity = regions()[LEVELS.len() - 1].end as usize;
         let window = reserve(
             gpu,
             "cull.window",
@@ -196,7 +188,7 @@ impl Cull {
             cache: None,
         });
         let bindings = bind(gpu, "cull", &layout, &[&window, patch, &draws, &instances]);
-        Self { pipeline, bindings, window, empty_draws, draws, instances, regions }
+        Self { pipeline, bindings, window, empty_draws, draws, instances }
     }
 
     /// Counts and packs the blades that `window` shows; the draws are emptied by a copy before.

@@ -13,8 +13,6 @@ struct PatchBlade {
 struct Shape {
     first_knot: u32,
     knot_count: u32,
-    length_m: f32,
-    max_width_m: f32,
 }
 
 struct Knot {
@@ -46,8 +44,8 @@ struct Ribbon {
     // -1 at the left edge, 1 at the right; height above the ground, metres.
     @location(3) @interpolate(perspective, centroid) side_and_height: vec2f,
     @location(4) @interpolate(perspective, centroid) albedo: vec3f,
-    // How much of the light comes through; how glossy.
-    @location(5) @interpolate(perspective, centroid) through_and_gloss: vec2f,
+    // How much of the light comes through; how glossy; how much sun reaches the meadow here.
+    @location(5) @interpolate(perspective, centroid) through_gloss_sun: vec3f,
 }
 
 const TAU = 6.2831853;
@@ -65,8 +63,8 @@ fn lean(v: vec3f, angle: vec2f) -> vec3f {
 
 fn blade_albedo(along: f32, lush: f32, hue: f32, dry: f32) -> vec3f {
     let base = vec3f(0.020, 0.045, 0.009);
-    let middle = mix(vec3f(0.098, 0.150, 0.028), vec3f(0.036, 0.105, 0.019), lush);
-    let tip = mix(vec3f(0.205, 0.220, 0.062), vec3f(0.090, 0.175, 0.034), lush);
+    let middle = mix(vec3f(0.090, 0.128, 0.032), vec3f(0.034, 0.088, 0.020), lush);
+    let tip = mix(vec3f(0.190, 0.195, 0.070), vec3f(0.085, 0.148, 0.036), lush);
     let green = mix(mix(base, middle, smoothstep(0.0, 0.45, along)), tip, smoothstep(0.35, 1.0, along));
     let varied = green * mix(vec3f(0.62, 0.80, 0.95), vec3f(1.35, 1.12, 0.90), hue);
     let straw = vec3f(0.36, 0.27, 0.125) * mix(0.55, 1.0, along);
@@ -95,7 +93,7 @@ fn vs_main(vertex: Vertex) -> Ribbon {
     let between = at - f32(lower);
 
     // A blade that comes or goes grows or sinks, and does not pop.
-    let scale = size * mix(0.72, 1.08, lush) * vertex.presence;
+    let scale = size * mix(0.62, 1.08, lush) * vertex.presence;
     let flip = vec3f(mirror, 1.0, 1.0);
     var midrib = mix(a.position, b.position, between) * flip * scale;
     var across = mix(a.across, b.across, between) * flip;
@@ -119,7 +117,13 @@ fn vs_main(vertex: Vertex) -> Ribbon {
     let left_width = max(mix(a.half_width_left, b.half_width_left, between) * widen, thinnest);
     let right_width = max(mix(a.half_width_right, b.half_width_right, between) * widen, thinnest);
     let offset = select(-left_width, right_width, right);
-    let in_world = midrib_in_world + across * offset;
+    // A blade seen on its edge turns a little towards the eye, or it would flicker as a dotted line.
+    let normal = normalize(cross(tangent, across));
+    let to_eye = (frame.eye_in_world - midrib_in_world) / eye_distance;
+    let on_edge = 1.0 - abs(dot(normal, to_eye));
+    let broadside = cross(to_eye, normalize(tangent));
+    let turned_across = broadside * (sign(dot(broadside, across)) * 0.45 * pow(on_edge, 6.0));
+    let in_world = midrib_in_world + (across + turned_across) * offset;
 
     let hue = f32(blade.lean_hue >> 20u) * (1.0 / 4095.0);
     let dry_chance = f32(blade.salt & 0xFFFFu) * (1.0 / 65535.0);
@@ -129,11 +133,12 @@ fn vs_main(vertex: Vertex) -> Ribbon {
     var ribbon: Ribbon;
     ribbon.position = frame.clip_from_world * vec4f(in_world, 1.0);
     ribbon.in_world = in_world;
-    ribbon.normal = normalize(cross(tangent, across));
+    ribbon.normal = normal;
     ribbon.across = across;
     ribbon.side_and_height = vec2f(select(-1.0, 1.0, right), max(in_world.y - vertex.root_in_world.y, 0.0));
     ribbon.albedo = blade_albedo(along, lush, hue, max(dry, dry_tip));
-    ribbon.through_and_gloss = vec2f(1.0 - 0.6 * max(dry, dry_tip), 1.0 - 0.8 * dry);
+    let sun = sunlight(vertex.root_in_world.xz);
+    ribbon.through_gloss_sun = vec3f(1.0 - 0.6 * max(dry, dry_tip), 1.0 - 0.8 * dry, sun);
     return ribbon;
 }
 
@@ -165,14 +170,18 @@ fn fs_main(ribbon: Ribbon) -> @location(0) vec4f {
     let behind = max(dot(to_eye, -to_sun), 0.0);
     let behind_2 = behind * behind;
     let back = mix(behind_2 * behind_2, saturate(-n_dot_l * 0.6 + 0.4), 0.62);
-    let through = (albedo * vec3f(1.15, 1.20, 0.62)) * (back * ribbon.through_and_gloss.x);
+    let through = (albedo * vec3f(1.15, 1.20, 0.62)) * (back * ribbon.through_gloss_sun.x);
 
     let half_way = normalize(to_eye + to_sun);
     let fresnel = 0.04 + 0.5 * pow(1.0 - max(dot(to_eye, half_way), 0.0), 5.0);
-    let gloss = pow(max(dot(n, half_way), 0.0), 42.0) * fresnel * 3.2 * ribbon.through_and_gloss.y;
+    // Far away a highlight is smaller than a pixel, and would only sparkle.
+    // So is one on a blade that is seen on its edge.
+    let broad = saturate(abs(dot(flat_normal, to_eye)) * 3.5);
+    let calm = broad / (1.0 + distance_m * distance_m * 0.12);
+    let gloss = pow(max(dot(n, half_way), 0.0), 38.0) * fresnel * 2.2 * calm * ribbon.through_gloss_sun.y;
 
     let sky = mix(vec3f(0.10, 0.14, 0.04), SKY_FILL, 0.5 + 0.5 * n.y) * (0.85 * open_sky);
     let sheen = SKY_FILL * (0.05 * open_sky * pow(1.0 - max(dot(n, to_eye), 0.0), 3.0));
-    let sun = SUN_COLOUR * sun_reach * (albedo * diffuse * 0.55 + through + vec3f(gloss));
-    return vec4f(with_haze(sun + albedo * sky + sheen, -to_eye, distance_m), 1.0);
+    let sun = SUN_COLOUR * (sun_reach * ribbon.through_gloss_sun.z) * (albedo * diffuse * 0.55 + through + vec3f(gloss));
+    return stored(with_haze(sun + albedo * sky + sheen, -to_eye, distance_m));
 }

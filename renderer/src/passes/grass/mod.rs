@@ -21,10 +21,6 @@ pub mod gpu_data {
         pub first_knot: u32,
         /// Its number of knots, 2..=64.
         pub knot_count: u32,
-        /// Arc length, metres.
-        pub length_m: f32,
-        /// Largest width, metres.
-        pub max_width_m: f32,
     }
 }
 use gpu_data::Shape;
@@ -90,12 +86,7 @@ impl Grass {
                 };
                 reach_m = blade.knots().iter().fold(reach_m, farthest);
                 let range = blade.knot_range();
-                Shape {
-                    first_knot: range.start as u32,
-                    knot_count: range.len() as u32,
-                    length_m: blade.length_m(),
-                    max_width_m: blade.max_width_m(),
-                }
+                Shape { first_knot: range.start as u32, knot_count: range.len() as u32 }
             })
             .collect();
         let store = |label, bytes: &[u8]| upload(gpu, label, BufferUsages::STORAGE, bytes);
@@ -108,16 +99,12 @@ impl Grass {
         Some(Growth { bindings, reach_m: reach_m * MAX_GROWTH })
     }
 
-    /// Draws what `cull` let through, one indirect draw a level; the frame is bound.
+    /// Draws what `cull` let through, all levels with one indirect draw; the frame is bound.
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, growth: &Growth, cull: &Cull) {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(1, &growth.bindings, &[]);
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint16);
-        for (level, region) in cull.regions.iter().enumerate() {
-            let bytes = |index: u32| u64::from(index) * size_of::<Instance>() as u64;
-            pass.set_vertex_buffer(0, cull.instances.slice(bytes(region.start)..bytes(region.end)));
-            let draw = size_of::<super::cull::gpu_data::Draw>() * level;
-            pass.draw_indexed_indirect(&cull.draws, draw as u64);
-        }
+        pass.set_vertex_buffer(0, cull.instances.slice(..));
+        pass.multi_draw_indexed_indirect(&cull.draws, 0, LEVELS.len() as u32);
     }
 }

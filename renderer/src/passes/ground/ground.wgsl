@@ -30,12 +30,18 @@ fn fs_main(ground: Ground) -> @location(0) vec4f {
     let to_eye = to_eye_m / distance_m;
     let p = ground.in_world.xz;
 
-    // Thatch and earth in the shade of the blades.
-    let speckle = perlin(p * 60.0) * 0.5 + perlin(p * 140.0) * 0.5;
-    let thatch = mix(vec3f(0.024, 0.030, 0.009), vec3f(0.085, 0.086, 0.028), 0.5 + 0.5 * speckle);
-    // Where nothing grows, nothing shades.
-    let open = select(vec2f(0.45, 1.6), vec2f(0.16, 0.40), frame.grows > 0u);
-    let bare = thatch * (SUN_COLOUR * open.x + SKY_FILL * open.y);
+    let sun = SUN_COLOUR * sunlight(p);
+
+    // Thatch in the shade of the blades; where nothing grows, earth in the sun.
+    let speckle = 0.5 + 0.5 * (perlin(p * 60.0) * 0.5 + perlin(p * 140.0) * 0.5);
+    let thatch = mix(vec3f(0.022, 0.032, 0.009), vec3f(0.078, 0.095, 0.027), speckle);
+    let clods = 0.8 + 0.3 * perlin(p * 9.0) + 0.2 * perlin(p * 0.7);
+    let earth = mix(vec3f(0.060, 0.042, 0.026), vec3f(0.140, 0.105, 0.068), speckle) * clods;
+    let bare = select(
+        earth * (sun * 0.45 + SKY_FILL * 0.8),
+        thatch * (sun * 0.19 + SKY_FILL * 0.42),
+        frame.grows > 0u,
+    );
 
     // The grass from afar: its colour, lit as its blades are, light through them included.
     let lush = lushness(p);
@@ -43,8 +49,8 @@ fn fs_main(ground: Ground) -> @location(0) vec4f {
     let behind = max(dot(to_eye, -frame.sun_direction), 0.0);
     let lit = 0.20 + 0.62 * behind * behind;
     let tufts = 1.0 + 0.34 * perlin(p * vec2f(1.9, 1.9)) + 0.22 * perlin(p * 0.31);
-    let grass = albedo * (SUN_COLOUR * lit + SKY_FILL * 0.45) * tufts;
+    let grass = albedo * (sun * lit + SKY_FILL * 0.45) * tufts;
 
     let far = select(0.0, smoothstep(0.30 * RANGE_M, 0.9 * RANGE_M, distance_m), frame.grows > 0u);
-    return vec4f(with_haze(mix(bare, grass, far), -to_eye, distance_m), 1.0);
+    return stored(with_haze(mix(bare, grass, far), -to_eye, distance_m));
 }

@@ -56,5 +56,5 @@ fn fs_main(sky: Sky) -> @location(0) vec4f {
     let near_colour = mix(haze, vec3f(0.06, 0.14, 0.10), 0.42 * smoothstep(-0.004, 0.03, direction.y));
     colour = mix(colour, far_colour, 1.0 - smoothstep(-soft, soft, direction.y - far_ridge));
     colour = mix(colour, near_colour, 1.0 - smoothstep(-soft, soft, direction.y - near_ridge));
-    return vec4f(colour, 1.0);
+    return stored(colour);
 }

@@ -14,7 +14,8 @@ fn vs_main(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
 
 @fragment
 fn fs_main(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    let x = textureLoad(scene, vec2u(position.xy), 0).rgb * EXPOSURE;
+    let stored = textureLoad(scene, vec2u(position.xy), 0).rgb;
+    let x = stored / max(1.0 - max(stored.r, max(stored.g, stored.b)), 1e-3) * EXPOSURE;
     let mapped = saturate(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14));
     // A display that is not sRGB by itself gets the curve here.
     let srgb = select(1.055 * pow(mapped, vec3f(1.0 / 2.4)) - 0.055, mapped * 12.92, mapped <= vec3f(0.0031308));
