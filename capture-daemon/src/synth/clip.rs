@@ -43,7 +43,7 @@ pub struct ClipParamsError {
 }
 
 impl ClipParams {
-    fn check(&self) -> Result<(), ClipParamsError> {
+    pub(super) fn check(&self) -> Result<(), ClipParamsError> {
         let error = |what, found: String, expected| Err(ClipParamsError { what, found, expected });
         let sides_fit = [self.width, self.height].iter().all(|side| (16..=4096).contains(side));
         if !sides_fit || self.width * self.height > MAX_PIXELS {
@@ -109,7 +109,7 @@ impl Clip {
     /// The frames that show the scene: all but up to 8 before it and up to 5 after it.
     pub fn visible(&self) -> Range<usize> {
         let frames = self.params.frames;
-        (frames / 6).min(8)..frames - (frames / 8).min(5)
+        (frames / 8).min(8)..frames - (frames / 12).min(5)
     }
 
     /// Frame `index`, from 0; those behind the last show the empty wall. Depth in millimetres;

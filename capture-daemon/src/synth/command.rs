@@ -50,10 +50,10 @@ pub struct SynthArgs {
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = parse_size)]
     pub size: (usize, usize),
     /// Errors of the sensor: 1 like a real one, 0 none, 10 at most. Example: --noise 0.5
-    #[arg(long, value_name = "F", default_value_t = 1.0)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse_noise, allow_negative_numbers = true)]
     pub noise: f64,
     /// Frames of each clip at 30 a second, the empty ones before and after included. Example: --frames 60
-    #[arg(long, value_name = "N", default_value_t = 45)]
+    #[arg(long, value_name = "N", default_value_t = 45, value_parser = parse_frames)]
     pub frames: usize,
     /// Form of the recordings. Example: --format png
     #[arg(long, value_name = "FORMAT", value_enum, default_value_t)]
@@ -68,7 +68,24 @@ pub struct SynthArgs {
 fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let sides =
         text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
-    sides.ok_or_else(|| format!("{text:?} is not a size; expected columns x rows in pixels, such as 640x480"))
+    let wrong = || format!("{text:?} is not a size; expected columns x rows in pixels, such as 640x480");
+    let (width, height) = sides.ok_or_else(wrong)?;
+    checked((width, height), ClipParams { width, height, ..ClipParams::default() })
+}
+
+fn parse_noise(text: &str) -> Result<f64, String> {
+    let noise = text.parse().map_err(|_| format!("{text:?} is not a number; expected 0 to 10"))?;
+    checked(noise, ClipParams { noise, ..ClipParams::default() })
+}
+
+fn parse_frames(text: &str) -> Result<usize, String> {
+    let frames = text.parse().map_err(|_| format!("{text:?} is not a whole number; expected 1 to 100000"))?;
+    checked(frames, ClipParams { frames, ..ClipParams::default() })
+}
+
+/// The value, if the parameters that it stands in are in their ranges.
+fn checked<T>(value: T, params: ClipParams) -> Result<T, String> {
+    params.check().map(|()| value).map_err(|error| error.to_string())
 }
 
 /// Writes the clips that are asked for; the paths of their recordings.
