@@ -56,7 +56,7 @@ impl Default for SourceConfig {
 #[derive(Clone, Debug, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraConfig {
-    /// Focal length along x, pixels; with `fy`, `cx`, `cy` instead of the recording's.
+    /// Focal length along x, pixels; with `fy`, `cx`, `cy` for a recording that brings none.
     pub fx: Option<f64>,
     /// Focal length along y, pixels.
     pub fy: Option<f64>,

@@ -110,7 +110,7 @@ fn cull_on_gpu(gpu: &Gpu, frame: &Frame, window: cull::gpu_data::Window) -> Vec<
     let draws = readback::buffer(gpu, &cull.draws).expect("draws");
     let instances = readback::buffer(gpu, &cull.instances).expect("instances");
     let stride = size_of::<Instance>();
-    cull.regions
+    cull::regions()
         .iter()
         .zip(draws.chunks_exact(size_of::<Draw>()))
         .map(|(region, draw)| {
