@@ -10,7 +10,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 pub use self::cdr::CdrError;
-pub use self::mcap::{CAMERA_INFO_TOPIC, IMAGE_TOPIC, McapWriter, RecordingInfo};
+pub use self::mcap::{CAMERA_INFO_TOPIC, IMAGE_TOPIC, McapWriter, RecordingParams};
 pub use self::png_sequence::PngWriter;
 pub use self::ros2::{FLOAT_DEPTH_UNIT_M, MessageError};
 use crate::frame::CameraModel;

@@ -67,21 +67,24 @@ impl CameraFile {
             let at = toml.span().map_or(0, |span| span.start).min(text.len());
             error(at, toml.message().replace('\n', ", "))
         })?;
-        // Where the key stands, for the message.
-        let key = |key: &str| text.find(key).unwrap_or(0);
-        if !file.camera().is_valid() {
-            return Err(error(key("f"), "expected finite numbers, and fx and fy above 0".to_owned()));
-        }
-        if !(1e-6..=0.1).contains(&file.depth_unit_m) {
-            let reason = format!(
-                "depth_unit_m is {}; expected 1e-6 to 0.1, such as 0.001 for millimetres",
-                file.depth_unit_m
-            );
-            return Err(error(key("depth_unit_m"), reason));
-        }
-        if !(0.001..=1000.0).contains(&file.fps) {
-            let reason = format!("fps is {}; expected 0.001 to 1000 frames a second", file.fps);
-            return Err(error(key("fps"), reason));
+        let values = [
+            ("fx", file.fx, (1e-3, 1e6), "a focal length above 0 in pixels"),
+            ("fy", file.fy, (1e-3, 1e6), "a focal length above 0 in pixels"),
+            ("cx", file.cx, (-1e6, 1e6), "a place in pixels"),
+            ("cy", file.cy, (-1e6, 1e6), "a place in pixels"),
+            ("depth_unit_m", file.depth_unit_m, (1e-6, 0.1), "1e-6 to 0.1, such as 0.001 for millimetres"),
+            ("fps", file.fps, (1e-3, 1e3), "0.001 to 1000 frames a second"),
+        ];
+        for (key, value, (low, high), expected) in values {
+            if !(low..=high).contains(&value) {
+                let lines = text.split_inclusive('\n').scan(0, |at, line| {
+                    *at += line.len();
+                    Some((*at - line.len(), line))
+                });
+                let at =
+                    lines.filter(|(_, line)| line.trim_start().starts_with(key)).map(|(at, _)| at).next();
+                return Err(error(at.unwrap_or(0), format!("{key} is {value}; expected {expected}")));
+            }
         }
         Ok(file)
     }

@@ -142,7 +142,7 @@ impl<'a> Image<'a> {
             "32FC1" => 4,
             other => return Err(MessageError::Encoding(other.to_owned())),
         };
-        let pixels = width.checked_mul(height).unwrap_or(usize::MAX);
+        let pixels = width.saturating_mul(height);
         if pixels == 0 || pixels > MAX_PIXELS || width > MAX_SIDE || height > MAX_SIDE {
             return Err(MessageError::Size { width, height });
         }

@@ -7,7 +7,7 @@ use anyhow::Context;
 use super::clip::{Clip, ClipParams};
 use super::scene::{FAMILIES, Family, Scene};
 use super::truth::Truth;
-use crate::recording::{McapWriter, PngWriter, RecordingInfo, WriteError};
+use crate::recording::{McapWriter, PngWriter, RecordingParams, WriteError};
 
 /// Form of the recordings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -58,6 +58,10 @@ pub struct SynthArgs {
     /// Form of the recordings. Example: --format png
     #[arg(long, value_name = "FORMAT", value_enum, default_value_t)]
     pub format: Format,
+    /// Level of the MCAP files' zstd compression, 1 to 22; 0 is zstd's own default. 19 makes them 40 %
+    /// smaller, slowly. Example: --compression-level 19
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=22))]
+    pub compression_level: u32,
 }
 
 /// `640x480` as columns and rows.
@@ -86,7 +90,7 @@ pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
     for family in FAMILIES.into_iter().filter(|&family| wanted(family)) {
         for seed in (args.seed..).take(args.clips as usize) {
             let clip = Clip::new(Scene::new(family, seed), params)?;
-            paths.push(write(&args.out, &clip, args.format)?);
+            paths.push(write(&args.out, &clip, args.format, args.compression_level)?);
         }
     }
     Ok(paths)
@@ -94,18 +98,18 @@ pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
 
 /// Writes a clip and its truth into a folder, which is made if it is not there: `single-1.mcap` (or a
 /// folder `single-1`) and `single-1.truth.json` for seed 1 of the family `single`. The path of the
-/// recording.
+/// recording. `compression_level`: of an MCAP file, as in [`RecordingParams`].
 ///
 /// # Errors
 /// When a file cannot be written.
-pub fn write(out: &Path, clip: &Clip, format: Format) -> anyhow::Result<PathBuf> {
+pub fn write(out: &Path, clip: &Clip, format: Format, compression_level: u32) -> anyhow::Result<PathBuf> {
     std::fs::create_dir_all(out).with_context(|| format!("{}: the folder cannot be made", out.display()))?;
     let name = format!("{}-{}", clip.scene().family.name(), clip.scene().seed);
     let path = match format {
         Format::Mcap => out.join(format!("{name}.mcap")),
         Format::Png => out.join(&name),
     };
-    write_frames(&path, clip, format)?;
+    write_frames(&path, clip, format, compression_level)?;
     let truth_path = out.join(format!("{name}.truth.json"));
     let mut truth = serde_json::to_string(&Truth::of(clip)).context("the truth cannot be written as JSON")?;
     // One knot on a line: readable, and short.
@@ -116,12 +120,12 @@ pub fn write(out: &Path, clip: &Clip, format: Format) -> anyhow::Result<PathBuf>
     Ok(path)
 }
 
-fn write_frames(path: &Path, clip: &Clip, format: Format) -> Result<(), WriteError> {
+fn write_frames(path: &Path, clip: &Clip, format: Format, compression_level: u32) -> Result<(), WriteError> {
     match format {
         Format::Mcap => {
-            let info =
-                RecordingInfo { sensor: "Sward synthetic sensor".to_owned(), ..RecordingInfo::default() };
-            let mut writer = McapWriter::create(path, info)?;
+            let sensor = "Sward synthetic sensor".to_owned();
+            let params = RecordingParams { sensor, compression_level, ..RecordingParams::default() };
+            let mut writer = McapWriter::create(path, params)?;
             clip.frames().try_for_each(|frame| writer.write(&frame))?;
             writer.finish()?;
         }

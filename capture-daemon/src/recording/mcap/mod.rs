@@ -15,7 +15,7 @@ mod write;
 
 pub(super) use read::open;
 pub(super) use records::MAGIC;
-pub use write::{CAMERA_INFO_TOPIC, IMAGE_TOPIC, McapWriter, RecordingInfo};
+pub use write::{CAMERA_INFO_TOPIC, IMAGE_TOPIC, McapWriter, RecordingParams};
 
 /// Name of the metadata record that Sward's own recordings have.
 const METADATA_NAME: &str = "sward";

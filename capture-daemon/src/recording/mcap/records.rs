@@ -10,8 +10,10 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// The bytes that an MCAP file begins and ends with.
 pub(in crate::recording) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
-/// Longest record that is read: an image of 1280×1024 has 5 MB. Longer ones are passed over.
+/// Longest message that is read: an image of 1280×1024 has 5 MB. Longer ones are passed over.
 const MAX_RECORD_LEN: u64 = 64 << 20;
+/// Longest record of another kind that is read.
+const MAX_OTHER_LEN: u64 = 1 << 20;
 /// Bytes handed to the decompressor at a time.
 const FEED_LEN: usize = 128 << 10;
 /// A record's kind and length.
@@ -157,7 +159,7 @@ impl<R: Read + Seek> RecordReader<R> {
         self.read(FRAMING_LEN, at)?;
         let opcode = self.buffer[0];
         let len = Fields(&self.buffer[1..]).u64().expect("the framing holds a length");
-        let end = self.position.checked_add(len).unwrap_or(u64::MAX);
+        let end = self.position.saturating_add(len);
         if let Place::PlainChunk(chunk) = self.place
             && end > chunk.data_end
         {
@@ -177,9 +179,7 @@ impl<R: Read + Seek> RecordReader<R> {
                 Ok(None)
             }
             _ if end > self.file_len => Err(self.cut_short(at)),
-            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA | op::STATISTICS
-                if len <= MAX_RECORD_LEN =>
-            {
+            _ if matters(opcode, len) => {
                 self.read(len, at)?;
                 Ok(Some(opcode))
             }
@@ -208,7 +208,7 @@ impl<R: Read + Seek> RecordReader<R> {
         self.read(u64::from(name_len) + 8, at)?;
         let mut fields = Fields(&self.buffer[name_len as usize..]);
         let data_len = fields.u64().expect("eight bytes were read");
-        let data_end = data_start.checked_add(data_len).unwrap_or(u64::MAX);
+        let data_end = data_start.saturating_add(data_len);
         if data_end > end {
             self.skip_to(end.min(self.file_len))?;
             let reason = "its data reach beyond it".into();
@@ -237,7 +237,7 @@ impl<R: Read + Seek> RecordReader<R> {
         loop {
             let reason = match self.chunk.next_event() {
                 Some(Ok(LinearReadEvent::Record { data, opcode })) => {
-                    if matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+                    if matters(opcode, data.len() as u64) {
                         self.buffer.clear();
                         self.buffer.extend_from_slice(data);
                         return Ok(Some(opcode));
@@ -298,6 +298,15 @@ impl<R: Read + Seek> RecordReader<R> {
     fn cut_short(&mut self, at: u64) -> RecordError {
         self.place = Place::End;
         RecordError::CutShort(at)
+    }
+}
+
+/// Whether a record is read.
+fn matters(opcode: u8, len: u64) -> bool {
+    match opcode {
+        op::MESSAGE => len <= MAX_RECORD_LEN,
+        op::SCHEMA | op::CHANNEL | op::METADATA | op::STATISTICS => len <= MAX_OTHER_LEN,
+        _ => false,
     }
 }
 

@@ -9,6 +9,11 @@ use crate::frame::CameraModel;
 use crate::recording::ros2::{self, CameraInfo, Image, MessageError};
 use crate::recording::{OpenError, OpenOptions};
 
+/// Most topics that are looked at: what a survey remembers is bounded, whatever the file says.
+const MAX_TOPICS: usize = 4096;
+/// Longest name of a topic, bytes.
+const MAX_TOPIC_LEN: usize = 1024;
+
 /// What to replay.
 pub(super) struct Selection {
     /// Topic of the depth images.
@@ -61,6 +66,8 @@ struct Survey {
     schemas: BTreeMap<u16, (String, bool)>,
     channels: BTreeMap<u16, String>,
     topics: BTreeMap<String, Topic>,
+    /// The first part of the file that could not be read.
+    damage: Option<String>,
 }
 
 impl Survey {
@@ -69,6 +76,9 @@ impl Survey {
             Record::Schema { id, name, encoding } => {
                 self.schemas.insert(id, (name.to_owned(), encoding == "ros2msg"));
             }
+            Record::Channel { topic, .. }
+                if topic.len() > MAX_TOPIC_LEN
+                    || self.topics.len() >= MAX_TOPICS && !self.topics.contains_key(topic) => {}
             Record::Channel { id, schema, topic, message_encoding } => {
                 let (schema, ros2msg) = self.schemas.get(&schema).cloned().unwrap_or_default();
                 let known = self.topics.entry(topic.to_owned()).or_default();
@@ -112,20 +122,23 @@ impl Survey {
             match reader.next() {
                 Ok(Some(record)) => self.note(record),
                 Ok(None) | Err(RecordError::CutShort(_)) => break,
-                // The replay tells of them.
-                Err(RecordError::Damaged { .. }) => {}
+                Err(error @ RecordError::Damaged { .. }) => {
+                    self.damage.get_or_insert(error.to_string());
+                }
                 Err(RecordError::Io(error)) => return Err(error),
             }
         }
         Ok(())
     }
 
+    /// What there is, for a message.
     fn listed(&self) -> String {
         let topics: Vec<String> = self.topics.iter().map(|(name, topic)| topic.describe(name)).collect();
+        let damage = self.damage.as_deref().map(|damage| format!(", and {damage}")).unwrap_or_default();
         if topics.is_empty() {
-            "it has no topics".to_owned()
+            format!("it has no topics{damage}")
         } else {
-            format!("it has {}", topics.join(", "))
+            format!("it has {}{damage}", topics.join(", "))
         }
     }
 

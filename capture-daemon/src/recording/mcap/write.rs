@@ -20,15 +20,17 @@ const CHUNK_NS: u64 = 1_000_000_000;
 /// Bytes, before compression, after which a chunk ends anyway.
 const CHUNK_BYTES: u64 = 4 << 20;
 
-/// What a recording says about itself, in its metadata.
+/// What a recording says about itself, in its metadata, and how hard it is compressed.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct RecordingInfo {
+pub struct RecordingParams {
     /// Model of the sensor.
     pub sensor: String,
     /// Its serial number; empty: unknown.
     pub serial: String,
     /// Hash of the configuration that was in force, if any.
     pub config_hash: Option<String>,
+    /// Level of the zstd compression: 1 to 22, 0 for its default, which keeps pace with a sensor.
+    pub compression_level: u32,
 }
 
 /// A recording that is being written.
@@ -36,7 +38,7 @@ pub struct McapWriter<W: Write + Seek> {
     writer: mcap::Writer<W>,
     image_channel: u16,
     info_channel: u16,
-    info: RecordingInfo,
+    params: RecordingParams,
     depth_unit_m: Option<f64>,
     sequence: u32,
     chunk_start_ns: u64,
@@ -47,9 +49,9 @@ impl McapWriter<BufWriter<File>> {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn create(path: &Path, info: RecordingInfo) -> Result<Self, WriteError> {
+    pub fn create(path: &Path, params: RecordingParams) -> Result<Self, WriteError> {
         let file = File::create(path).map_err(|source| WriteError::Io { path: path.to_owned(), source })?;
-        Self::new(BufWriter::new(file), info)
+        Self::new(BufWriter::new(file), params)
     }
 }
 
@@ -58,11 +60,12 @@ impl<W: Write + Seek> McapWriter<W> {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn new(output: W, info: RecordingInfo) -> Result<Self, WriteError> {
+    pub fn new(output: W, params: RecordingParams) -> Result<Self, WriteError> {
         let mut writer = mcap::WriteOptions::new()
             .profile("ros2")
             .library(concat!("sward ", env!("CARGO_PKG_VERSION")))
             .compression(Some(mcap::Compression::Zstd))
+            .compression_level(params.compression_level)
             .chunk_size(Some(CHUNK_BYTES))
             .create(output)?;
         let image = writer.add_schema(ros2::IMAGE, "ros2msg", ros2::IMAGE_DEFINITION.as_bytes())?;
@@ -73,7 +76,7 @@ impl<W: Write + Seek> McapWriter<W> {
         let image_channel = writer.add_channel(image, IMAGE_TOPIC, "cdr", &qos)?;
         let info_channel = writer.add_channel(camera, CAMERA_INFO_TOPIC, "cdr", &qos)?;
         let (sequence, chunk_start_ns) = (0, 0);
-        Ok(Self { writer, image_channel, info_channel, info, depth_unit_m: None, sequence, chunk_start_ns })
+        Ok(Self { writer, image_channel, info_channel, params, depth_unit_m: None, sequence, chunk_start_ns })
     }
 
     /// Adds a frame and its camera.
@@ -107,11 +110,11 @@ impl<W: Write + Seek> McapWriter<W> {
     /// Writes the metadata, which only the first frame completes.
     fn begin(&mut self, frame: &DepthFrame) -> Result<(), WriteError> {
         let mut metadata = BTreeMap::from([
-            ("sensor".to_owned(), self.info.sensor.clone()),
-            ("serial".to_owned(), self.info.serial.clone()),
+            ("sensor".to_owned(), self.params.sensor.clone()),
+            ("serial".to_owned(), self.params.serial.clone()),
             (DEPTH_UNIT_KEY.to_owned(), frame.depth_unit_m.to_string()),
         ]);
-        if let Some(hash) = &self.info.config_hash {
+        if let Some(hash) = &self.params.config_hash {
             metadata.insert("config_hash".to_owned(), hash.clone());
         }
         self.writer.write_metadata(&Metadata { name: METADATA_NAME.to_owned(), metadata })?;
