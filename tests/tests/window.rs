@@ -1,0 +1,87 @@
+//! Does a window show the meadow as soon as there is a daemon, and outlive it?
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use tests::programs::{DEADLINE, Program, Running, wait_for};
+use tests::shipped_recording;
+
+const WIDTH: usize = 640;
+const HEIGHT: usize = 360;
+
+/// An X server that keeps its screen in a file.
+struct Screen {
+    display: String,
+    file: PathBuf,
+    _server: Running,
+}
+
+impl Screen {
+    fn start(folder: &Path) -> Self {
+        let number = 100 + std::process::id() % 30_000;
+        let mut command = Command::new("Xvfb");
+        let screen = format!("{WIDTH}x{HEIGHT}x24");
+        command.arg(format!(":{number}")).args(["-screen", "0", &screen, "-nolisten", "tcp", "-fbdir"]);
+        command.arg(folder);
+        let server = Running::start(command);
+        let server = server.wait_for_socket(Path::new(&format!("/tmp/.X11-unix/X{number}")));
+        Self { display: format!(":{number}"), file: folder.join("Xvfb_screen0"), _server: server }
+    }
+
+    /// What it shows, 4 bytes a pixel. The file is an XWD: big-endian numbers, the first the header's
+    /// size, the 20th the number of colour map entries of 12 bytes each; then the pixels.
+    fn pixels(&self) -> Vec<u8> {
+        let bytes = std::fs::read(&self.file).expect("the server keeps its screen in a file");
+        let number = |index: usize| {
+            let bytes = bytes[4 * index..4 * index + 4].try_into().expect("4 bytes");
+            u32::from_be_bytes(bytes) as usize
+        };
+        bytes[number(0) + 12 * number(19)..][..4 * WIDTH * HEIGHT].to_vec()
+    }
+
+    /// Waits for a picture that is not `before` and does not change any more.
+    fn next_picture(&self, before: &[u8]) -> Vec<u8> {
+        let mut last = before.to_vec();
+        let picture = wait_for(DEADLINE, || {
+            std::thread::sleep(Duration::from_millis(500));
+            let now = self.pixels();
+            let settled = now == last && now != before;
+            last = now;
+            settled.then(|| last.clone())
+        });
+        picture.expect("the picture changes and settles")
+    }
+}
+
+fn colours(pixels: &[u8]) -> usize {
+    let mut colours: Vec<&[u8]> = pixels.chunks_exact(4).collect();
+    colours.sort_unstable();
+    colours.dedup();
+    colours.len()
+}
+
+#[test]
+fn a_window_shows_the_meadow_once_there_is_a_daemon_and_keeps_it_when_the_daemon_dies() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let socket = folder.path().join("station.socket");
+    let screen = Screen::start(folder.path());
+    let nothing = screen.pixels();
+    let mut command = Program::Render.command(["--time-scale", "0", "--size", "640x360", "--socket"]);
+    command.arg(&socket).env("DISPLAY", &screen.display);
+    let mut window = Running::start(command);
+    let bare = screen.next_picture(&nothing);
+
+    let settings = [format!("source.recording={:?}", shipped_recording()), "source.rate=0.0".to_owned()];
+    let mut command =
+        Program::Capture.command(["run", "--set", &settings[0], "--set", &settings[1], "--set"]);
+    command.arg(format!("service.socket={socket:?}"));
+    let mut daemon = Running::start(command).wait_for_socket(&socket);
+    let meadow = screen.next_picture(&bare);
+    assert!(colours(&meadow) > 1000, "{} colours are no meadow", colours(&meadow));
+
+    daemon.kill();
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(window.ended(), None, "the renderer outlives the daemon");
+    assert!(screen.pixels() == meadow, "the meadow stays");
+}
