@@ -25,6 +25,7 @@ fn the_truth_lies_in_the_picture() {
             let clip = clip(family, seed, ClipParams { noise: 0.0, ..ClipParams::default() });
             let frame = clip.frame(clip.visible().start);
             for blade in Truth::of(&clip).blades {
+                let mut hidden = 0;
                 // The root is the end of the ribbon: the nearest pixel centre may lie beyond.
                 for knot in &blade.knots[1..] {
                     let half_width_px = frame.camera.fx * knot.half_width_m[0] / knot.camera_m[2];
@@ -35,9 +36,16 @@ fn the_truth_lies_in_the_picture() {
                     }
                     let point = glam::DVec3::from_array(knot.camera_m);
                     let seen = depth_at(&frame, frame.camera.project(point.as_vec3()));
-                    let error = (seen.expect("a clean picture has no holes") - point.z).abs();
-                    assert!(error < 0.002, "{family:?} {seed}: {error} m at {point}");
+                    let error = seen.expect("a clean picture has no holes") - point.z;
+                    // What is more than that before it is another blade.
+                    if error < -0.002 && clip.scene().blades.len() > 1 {
+                        hidden += 1;
+                        continue;
+                    }
+                    assert!(error.abs() < 0.002, "{family:?} {seed}: {error} m at {point}");
                 }
+                // 35 % of the midrib, and what its neighbouring pixel makes of it.
+                assert!(hidden <= 25, "{family:?} {seed}: {hidden} of 64 knots are hidden");
             }
         }
     }
@@ -105,8 +113,13 @@ fn frames_are_the_same_in_any_order_and_differ_by_seed() {
 /// Known bits: another machine, compiler or level of optimisation makes the same frames.
 #[test]
 fn frames_are_these_bits_on_every_machine() {
+    assert_eq!(hash_of(&[Family::Single, Family::Row]), "9043950ca84ad9de");
+    assert_eq!(hash_of(&[Family::Toward, Family::Fan, Family::Crossing]), "a2ef773517027fac");
+}
+
+fn hash_of(families: &[Family]) -> String {
     let mut hasher = blake3::Hasher::new();
-    for family in FAMILIES {
+    for &family in families {
         let clip = clip(family, 1, ClipParams { width: 320, height: 240, ..ClipParams::default() });
         for frame in clip.frames().skip(6).take(4) {
             frame.depth.iter().for_each(|count| {
@@ -114,7 +127,7 @@ fn frames_are_these_bits_on_every_machine() {
             });
         }
     }
-    assert_eq!(hasher.finalize().to_hex()[..16].to_owned(), "9043950ca84ad9de");
+    hasher.finalize().to_hex()[..16].to_owned()
 }
 
 #[test]

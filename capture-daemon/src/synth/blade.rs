@@ -206,9 +206,9 @@ impl Growth {
     }
 }
 
-/// Turns `from` towards `to` (both unit, at right angles) by `angle` radians, |angle| < 1, and `to`
+/// Turns `from` towards `to` (both unit, at right angles) by `angle` radians, |angle| < 1.2, and `to`
 /// with it. The rotation is exact; its angle is right to the fifth order.
-fn turn(from: &mut DVec3, to: &mut DVec3, angle: f64) {
+pub(super) fn turn(from: &mut DVec3, to: &mut DVec3, angle: f64) {
     let h = 0.5 * angle;
     // tan h, to h⁵: rational, so the same bits everywhere.
     let tan_half = h * (15.0 - h * h) / (15.0 - 6.0 * h * h);

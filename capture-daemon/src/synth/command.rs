@@ -20,14 +20,28 @@ pub enum Format {
 }
 
 /// Which scenes to film.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Families {
-    /// One blade, its root below.
-    Single,
-    /// Three to six blades side by side that do not touch.
-    Row,
     /// Each family in turn.
     All,
+    /// One of them.
+    Only(Family),
+}
+
+impl clap::ValueEnum for Families {
+    fn value_variants<'a>() -> &'a [Self] {
+        static VARIANTS: std::sync::LazyLock<Vec<Families>> = std::sync::LazyLock::new(|| {
+            FAMILIES.into_iter().map(Families::Only).chain([Families::All]).collect()
+        });
+        &VARIANTS
+    }
+
+    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+        match self {
+            Families::All => Some(clap::builder::PossibleValue::new("all").help("Each family in turn")),
+            Families::Only(family) => family.to_possible_value(),
+        }
+    }
 }
 
 /// Writes recordings of synthetic blades, each with its truth beside it.
@@ -96,13 +110,7 @@ pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
     let (width, height) = args.size;
     let params =
         ClipParams { width, height, noise: args.noise, frames: args.frames, ..ClipParams::default() };
-    let wanted = |family: Family| {
-        args.family.iter().any(|&wanted| match wanted {
-            Families::All => true,
-            Families::Single => family == Family::Single,
-            Families::Row => family == Family::Row,
-        })
-    };
+    let wanted = |family| [Families::All, Families::Only(family)].iter().any(|it| args.family.contains(it));
     let mut paths = Vec::new();
     for family in FAMILIES.into_iter().filter(|&family| wanted(family)) {
         for seed in (args.seed..).take(args.clips as usize) {

@@ -9,6 +9,7 @@
 //! Colour, and cameras with lens distortion.
 
 pub mod accuracy;
+mod arrange;
 mod blade;
 mod clip;
 mod command;

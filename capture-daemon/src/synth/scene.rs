@@ -1,11 +1,10 @@
 //! Scenes: which blades stand before the camera, and where.
 //!
-//! A family is one function from random numbers to blades; a new one is a variant, a function and a
-//! line in [`Family::place`].
+//! A family is one function from random numbers to blades (see [`arrange`]); a new one is a variant, a
+//! function and a line in [`Family::place`].
 
-use glam::DVec3;
-
-use super::blade::{Growth, SHAPES, Shape, SyntheticBlade};
+use super::arrange;
+use super::blade::{SHAPES, SyntheticBlade};
 use super::random::Random;
 
 /// A family of scenes.
@@ -16,10 +15,18 @@ pub enum Family {
     Single,
     /// Three to six blades side by side that do not touch.
     Row,
+    /// One blade that bends strongly towards the camera or away from it, by 0.4 to 1.2 rad in all.
+    Toward,
+    /// A tuft: three to nine blades from one base.
+    Fan,
+    /// Two blades, now and then three, one before the other: they cross in the picture, 4 to 7 cm apart
+    /// in depth at the roots.
+    Crossing,
 }
 
 /// All families.
-pub const FAMILIES: [Family; 2] = [Family::Single, Family::Row];
+pub const FAMILIES: [Family; 5] =
+    [Family::Single, Family::Row, Family::Toward, Family::Fan, Family::Crossing];
 
 /// Blades before a camera that looks at a wall.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,16 +35,13 @@ pub struct Scene {
     pub family: Family,
     /// Which one of its family.
     pub seed: u64,
-    /// The blades, camera frame; in a row from left to right.
+    /// The blades, camera frame; those of a row and of a fan from left to right, those of a crossing from
+    /// the nearest to the farthest.
     pub blades: Vec<SyntheticBlade>,
 }
 
 /// The stream of random numbers that scenes use; the sensor's frames use those above it.
 const SCENE_STREAM: u64 = 0;
-/// Nearest and farthest middle of a blade, metres.
-const DEPTH_RANGE_M: (f64, f64) = (0.50, 0.65);
-/// Widest row, metres: it fits into the picture of a camera of 58° at the nearest depth.
-const ROW_WIDTH_M: f64 = 0.48;
 
 impl Scene {
     /// The scene of a family with a seed: the same on every machine.
@@ -52,69 +56,30 @@ impl Family {
         match self {
             Family::Single => "single",
             Family::Row => "row",
+            Family::Toward => "toward",
+            Family::Fan => "fan",
+            Family::Crossing => "crossing",
         }
     }
 
     fn place(self, seed: u64) -> Vec<SyntheticBlade> {
         // A family has its own numbers: the blade of `single 1` is not one of `row 1`.
         let mut random = Random::new(seed ^ ((self as u64) << 56), SCENE_STREAM);
+        // The shape of single blades is given, so that five seeds in a row show all five.
+        let shape = SHAPES[(seed % SHAPES.len() as u64) as usize];
         match self {
-            Family::Single => single(SHAPES[(seed % SHAPES.len() as u64) as usize], &mut random),
-            Family::Row => row(&mut random),
+            Family::Single => arrange::single(shape, &mut random),
+            Family::Row => arrange::row(&mut random),
+            Family::Toward => arrange::toward(shape, &mut random),
+            Family::Fan => arrange::fan(&mut random),
+            Family::Crossing => arrange::crossing(&mut random),
         }
     }
-}
-
-/// One blade near the middle of the picture. Its shape is given, so that five seeds in a row show
-/// all five.
-fn single(shape: Shape, random: &mut Random) -> Vec<SyntheticBlade> {
-    let blade = Growth::random(shape, random).grow();
-    let (x, y) = (random.range(-0.06, 0.06), random.range(-0.02, 0.02));
-    let z = random.range(DEPTH_RANGE_M.0, DEPTH_RANGE_M.1);
-    vec![centered(blade, DVec3::new(x, y, z))]
-}
-
-/// Three to six blades from left to right, 12 to 30 mm of air between the boxes that hold them.
-fn row(random: &mut Random) -> Vec<SyntheticBlade> {
-    let z = random.range(DEPTH_RANGE_M.0 + 0.02, DEPTH_RANGE_M.1 - 0.02);
-    // A row that came out too wide is drawn again; about every second one of six blades is.
-    loop {
-        let count = random.integer(3, 6);
-        let placed: Vec<(SyntheticBlade, f64)> = (0..count)
-            .map(|_| {
-                let shape = SHAPES[random.integer(0, SHAPES.len() - 1)];
-                let mut growth = Growth::random(shape, random);
-                growth.lean *= 0.5;
-                growth.bend_across *= 0.5;
-                (growth.grow(), random.range(0.012, 0.030))
-            })
-            .collect();
-        let width = |blade: &SyntheticBlade| blade.bounds().1.x - blade.bounds().0.x;
-        let total: f64 = placed.iter().map(|(blade, gap)| width(blade) + gap).sum();
-        if total > ROW_WIDTH_M {
-            continue;
-        }
-        let mut left = -0.5 * total;
-        return placed
-            .into_iter()
-            .map(|(blade, gap)| {
-                let x = left + 0.5 * (gap + width(&blade));
-                left += gap + width(&blade);
-                let depth = z + random.range(-0.02, 0.02);
-                centered(blade, DVec3::new(x, random.range(-0.015, 0.015), depth))
-            })
-            .collect();
-    }
-}
-
-/// The blade with the middle of its box at `at`.
-fn centered(blade: SyntheticBlade, at: DVec3) -> SyntheticBlade {
-    let (low, high) = blade.bounds();
-    blade.moved(at - 0.5 * (low + high))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::blade::Shape;
     use super::*;
 
     #[test]
@@ -151,7 +116,7 @@ mod tests {
                 assert!((0.12..=0.26).contains(&blade.length_m));
                 assert!((0.04..=0.14).contains(&aspect));
                 let (low, high) = blade.bounds();
-                assert!(low.z > 0.4 && high.z < 0.75);
+                assert!(low.z > 0.4 && high.z < 0.75, "{family:?}");
             }
         }
     }
