@@ -5,7 +5,8 @@
 
 use glam::{DVec2, DVec3};
 
-use super::blade::{Growth, SECTIONS, SHAPES, Shape, SyntheticBlade};
+use super::blade::{Growth, SECTIONS, SHAPES, Section, Shape, SyntheticBlade};
+use super::hand::Triangle;
 use super::random::Random;
 use super::surface::Surface;
 use crate::frame::CameraModel;
@@ -15,7 +16,7 @@ const DEPTH_RANGE_M: (f64, f64) = (0.50, 0.65);
 /// Widest row, metres: it fits into the picture of a camera of 58° at the nearest depth.
 const ROW_WIDTH_M: f64 = 0.48;
 /// Largest |x|/z and |y|/z of a layout: it fits into pictures of 4:3 and of 16:9, 58° wide.
-const VIEW: DVec2 = DVec2::new(0.53, 0.30);
+pub(super) const VIEW: DVec2 = DVec2::new(0.53, 0.30);
 /// Largest part of a blade's midrib that others may hide.
 const HIDDEN_SHARE: f64 = 0.35;
 /// What lies this much before a section hides it, metres.
@@ -26,6 +27,8 @@ const TIP_FREE_M: f64 = 0.004;
 const TIPS_APART_M: f64 = 0.012;
 /// The camera that layouts are judged by, coarser than all that film them.
 const JUDGE: CameraModel = CameraModel { fx: 285.0, fy: 285.0, cx: 159.5, cy: 119.5 };
+/// Its columns and rows.
+const JUDGE_SIZE: (usize, usize) = (320, 240);
 
 /// One blade near the middle of the picture.
 pub(super) fn single(shape: Shape, random: &mut Random) -> Vec<SyntheticBlade> {
@@ -100,7 +103,7 @@ pub(super) fn fan(random: &mut Random) -> Vec<SyntheticBlade> {
         let (x, y) = (random.range(-0.03, 0.03), random.range(-0.01, 0.01));
         let at = DVec3::new(x, y, random.range(DEPTH_RANGE_M.0 + 0.02, DEPTH_RANGE_M.1 - 0.02));
         let blades = centered_all(tuft(count, species, random), at);
-        if in_view(&blades) && tips_are_free(&blades) && is_mostly_visible(&blades) {
+        if in_view(&blades) && is_clear(&blades, &[]) {
             return blades;
         }
     }
@@ -108,21 +111,49 @@ pub(super) fn fan(random: &mut Random) -> Vec<SyntheticBlade> {
 
 /// Blades that fan out from one base at the origin, from left to right; spread over ±15° to ±60°, more
 /// for more blades, but never less than 7° between neighbours.
-pub(super) fn tuft(count: usize, species: Option<Shape>, random: &mut Random) -> Vec<SyntheticBlade> {
-    // 0 for three blades and fewer, 1 for nine.
-    let fullness = (count.max(3) - 3) as f64 / 6.0;
+fn tuft(count: usize, species: Option<Shape>, random: &mut Random) -> Vec<SyntheticBlade> {
+    // 0 for three blades, 1 for nine.
+    let fullness = (count - 3) as f64 / 6.0;
     let half_spread = random.range(0.26 + 0.50 * fullness, 0.44 + 0.60 * fullness);
+    spread(count, half_spread, random, |random| {
+        let shape = species.unwrap_or_else(|| SHAPES[random.integer(0, SHAPES.len() - 1)]);
+        Growth { lean: 0.0, ..Growth::random(shape, random) }
+    })
+}
+
+/// One to five blades from one grip at the origin, from left to right: 150 to 270 mm long, 10° to 16°
+/// between neighbours, more or less; one alone leans by up to 15°.
+pub(super) fn handful(count: usize, random: &mut Random) -> Vec<SyntheticBlade> {
+    let half_spread = 0.5 * (count - 1) as f64 * random.range(0.18, 0.28);
+    let lean = if count == 1 { random.range(-0.26, 0.26) } else { random.range(-0.1, 0.1) };
+    spread(count, half_spread, random, |random| {
+        let mut growth = Growth::random(SHAPES[random.integer(0, SHAPES.len() - 1)], random);
+        let longer = random.range(0.15, 0.27) / growth.length_m;
+        growth.length_m *= longer;
+        growth.max_width_m *= longer;
+        growth.lean = lean;
+        growth
+    })
+}
+
+/// Blades from one base at the origin, from left to right, with leans of ±`half_spread` radians about
+/// their own; each off its even place, but neighbours stay 7° apart if they are when evenly spread.
+fn spread(
+    count: usize,
+    half_spread: f64,
+    random: &mut Random,
+    mut grow: impl FnMut(&mut Random) -> Growth,
+) -> Vec<SyntheticBlade> {
     let gaps = count.max(2) as f64 - 1.0;
     let step = 2.0 * half_spread / gaps;
-    // Each off its even place by so much that two neighbours stay 7° (0.122 rad) apart.
+    // 7° are 0.122 rad.
     let slack = 0.5 * (step - 0.125).clamp(0.0, 0.3 * step);
     (0..count)
         .map(|i| {
             // −1 for the leftmost blade to 1 for the rightmost; 0 for one alone.
             let place = if count == 1 { 0.0 } else { 2.0 * i as f64 / gaps - 1.0 };
-            let shape = species.unwrap_or_else(|| SHAPES[random.integer(0, SHAPES.len() - 1)]);
-            let mut growth = Growth::random(shape, random);
-            growth.lean = half_spread * place + random.range(-slack, slack);
+            let mut growth = grow(random);
+            growth.lean += half_spread * place + random.range(-slack, slack);
             // Outer blades droop outwards, a little.
             growth.bend_across = 0.15 * place + random.range(-0.3, 0.3);
             growth.yaw *= 0.7;
@@ -160,11 +191,7 @@ pub(super) fn crossing(random: &mut Random) -> Vec<SyntheticBlade> {
         let (x, y) = (random.range(-0.04, 0.04), random.range(-0.01, 0.01));
         let depth = 0.5 * (depth + blades[0].sections[0].center.z) - 0.03;
         let blades = centered_all(blades, DVec3::new(x, y, depth));
-        if crossings_are_good(&blades)
-            && in_view(&blades)
-            && tips_are_free(&blades)
-            && is_mostly_visible(&blades)
-        {
+        if crossings_are_good(&blades) && in_view(&blades) && is_clear(&blades, &[]) {
             return blades;
         }
     }
@@ -183,13 +210,14 @@ fn centered_all(blades: Vec<SyntheticBlade>, at: DVec3) -> Vec<SyntheticBlade> {
     blades.into_iter().map(|blade| blade.moved(by)).collect()
 }
 
-fn bounds_of_all(blades: &[SyntheticBlade]) -> (DVec3, DVec3) {
+/// The box that holds them all.
+pub(super) fn bounds_of_all(blades: &[SyntheticBlade]) -> (DVec3, DVec3) {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     blades.iter().map(SyntheticBlade::bounds).fold(none, |all, one| (all.0.min(one.0), all.1.max(one.1)))
 }
 
 /// Whether pictures of all sizes hold the blades.
-fn in_view(blades: &[SyntheticBlade]) -> bool {
+pub(super) fn in_view(blades: &[SyntheticBlade]) -> bool {
     let (low, high) = bounds_of_all(blades);
     let reach = low.truncate().abs().max(high.truncate().abs());
     low.z > 0.4 && high.z < 0.75 && (reach / low.z).cmple(VIEW).all()
@@ -217,7 +245,7 @@ fn tips_are_free(blades: &[SyntheticBlade]) -> bool {
     blades.iter().enumerate().all(|(i, blade)| {
         let (at, depth) = (seen(tip(blade)), tip(blade).z);
         blades.iter().enumerate().filter(|&(j, _)| j != i).all(|(_, other)| {
-            let clear = |section: &super::blade::Section| {
+            let clear = |section: &Section| {
                 let half_width = section.half_width_left.max(section.half_width_right);
                 at.distance(seen(section.center)) * depth > half_width + TIP_FREE_M
             };
@@ -226,11 +254,15 @@ fn tips_are_free(blades: &[SyntheticBlade]) -> bool {
     })
 }
 
-/// Whether no tip, no root and at most [`HIDDEN_SHARE`] of any midrib is hidden behind another blade.
-fn is_mostly_visible(blades: &[SyntheticBlade]) -> bool {
-    let surface = Surface::draw(blades, &JUDGE);
+/// Whether every tip stands clear of all other blades and tips in the picture, and no tip and at most
+/// [`HIDDEN_SHARE`] of any midrib is hidden behind another blade or a hand.
+pub(super) fn is_clear(blades: &[SyntheticBlade], hand: &[Triangle]) -> bool {
+    if !tips_are_free(blades) {
+        return false;
+    }
+    let surface = Surface::draw(blades, hand, &JUDGE, JUDGE_SIZE);
     blades.iter().all(|blade| {
-        let hidden = |section: &&super::blade::Section| {
+        let hidden = |section: &&Section| {
             let at = seen(section.center);
             let (u, v) = (JUDGE.fx * at.x + JUDGE.cx, JUDGE.fy * at.y + JUDGE.cy);
             surface.depth_at(u, v) < section.center.z - HIDES_M

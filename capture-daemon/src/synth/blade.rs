@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 
+use super::motion::Pose;
 use super::random::Random;
 
 /// Cross-sections of the ribbon that is drawn: a multiple of the truth's intervals, plus one.
@@ -218,6 +219,41 @@ pub(super) fn turn(from: &mut DVec3, to: &mut DVec3, angle: f64) {
 }
 
 impl SyntheticBlade {
+    /// The cross-section at a place counted in steps from the root, 0..=[`SECTIONS`]−1, between two of
+    /// those drawn.
+    pub(super) fn section_at(&self, place: f64) -> Section {
+        let i = (place as usize).min(SECTIONS - 2);
+        let (a, b, t) = (&self.sections[i], &self.sections[i + 1], place - i as f64);
+        let between = |a: f64, b: f64| a + (b - a) * t;
+        Section {
+            center: a.center.lerp(b.center, t),
+            across: a.across.lerp(b.across, t).normalize(),
+            half_width_left: between(a.half_width_left, b.half_width_left),
+            half_width_right: between(a.half_width_right, b.half_width_right),
+        }
+    }
+
+    /// The part of it from a place, counted in steps from the root, to the tip.
+    pub(super) fn cut_from(&self, place: f64) -> Self {
+        let last = (SECTIONS - 1) as f64;
+        let share = (last - place) / last;
+        let at = |i: usize| (place + share * i as f64).min(last);
+        let sections: Vec<Section> = (0..SECTIONS).map(|i| self.section_at(at(i))).collect();
+        let widths = sections.iter().map(|section| section.half_width_left + section.half_width_right);
+        let max_width_m = widths.fold(0.0, f64::max);
+        Self { shape: self.shape, length_m: self.length_m * share, max_width_m, sections }
+    }
+
+    /// The same blade in a pose.
+    pub(super) fn posed(&self, pose: &Pose) -> Self {
+        let mut blade = self.clone();
+        for section in &mut blade.sections {
+            section.center = pose.apply(section.center);
+            section.across = pose.rotation * section.across;
+        }
+        blade
+    }
+
     /// The same blade, moved.
     pub(super) fn moved(mut self, by: DVec3) -> Self {
         for section in &mut self.sections {

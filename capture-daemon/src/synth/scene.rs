@@ -1,10 +1,11 @@
 //! Scenes: which blades stand before the camera, and where.
 //!
 //! A family is one function from random numbers to blades (see [`arrange`]); a new one is a variant, a
-//! function and a line in [`Family::place`].
+//! function and a line in [`Scene::new`].
 
 use super::arrange;
 use super::blade::{SHAPES, SyntheticBlade};
+use super::held::{self, Visit};
 use super::random::Random;
 
 /// A family of scenes.
@@ -22,11 +23,29 @@ pub enum Family {
     /// Two blades, now and then three, one before the other: they cross in the picture, 4 to 7 cm apart
     /// in depth at the roots.
     Crossing,
+    /// One to five blades in a hand with its forearm: it comes in from the border, holds them up with a
+    /// tremor of up to 3 mm and 0.5°, and leaves.
+    Held,
+    /// A hand that holds nothing, and moves like `held`.
+    Hand,
+    /// Nothing but the wall.
+    Empty,
+    /// A session: three to five visitors in turn, each like `held`.
+    Kiosk,
 }
 
 /// All families.
-pub const FAMILIES: [Family; 5] =
-    [Family::Single, Family::Row, Family::Toward, Family::Fan, Family::Crossing];
+pub const FAMILIES: [Family; 9] = [
+    Family::Single,
+    Family::Row,
+    Family::Toward,
+    Family::Fan,
+    Family::Crossing,
+    Family::Held,
+    Family::Hand,
+    Family::Empty,
+    Family::Kiosk,
+];
 
 /// Blades before a camera that looks at a wall.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,8 +55,11 @@ pub struct Scene {
     /// Which one of its family.
     pub seed: u64,
     /// The blades, camera frame; those of a row and of a fan from left to right, those of a crossing from
-    /// the nearest to the farthest.
+    /// the nearest to the farthest; of those in a hand what is seen above it when the hold starts,
+    /// visitor by visitor, from left to right.
     pub blades: Vec<SyntheticBlade>,
+    /// The hands that come and leave, in turn; none where the blades stand by themselves.
+    pub visits: Vec<Visit>,
 }
 
 /// The stream of random numbers that scenes use; the sensor's frames use those above it.
@@ -46,7 +68,45 @@ const SCENE_STREAM: u64 = 0;
 impl Scene {
     /// The scene of a family with a seed: the same on every machine.
     pub fn new(family: Family, seed: u64) -> Self {
-        Self { family, seed, blades: family.place(seed) }
+        // A family has its own numbers: the blade of `single 1` is not one of `row 1`.
+        let seed_of_family = seed ^ ((family as u64) << 56);
+        let mut random = Random::new(seed_of_family, SCENE_STREAM);
+        // The shape of single blades is given, so that five seeds in a row show all five.
+        let shape = SHAPES[(seed % SHAPES.len() as u64) as usize];
+        let mut visits = Vec::new();
+        let blades = match family {
+            Family::Single => arrange::single(shape, &mut random),
+            Family::Row => arrange::row(&mut random),
+            Family::Toward => arrange::toward(shape, &mut random),
+            Family::Fan => arrange::fan(&mut random),
+            Family::Crossing => arrange::crossing(&mut random),
+            Family::Held | Family::Kiosk => {
+                let visitors = if family == Family::Held { 1 } else { random.integer(3, 5) };
+                let mut blades = Vec::new();
+                for visitor in 0..visitors {
+                    let (visit, seen) = held::held(seed_of_family, visitor, blades.len(), &mut random);
+                    visits.push(visit);
+                    blades.extend(seen);
+                }
+                blades
+            }
+            Family::Hand => {
+                visits.push(held::empty_hand(seed_of_family, &mut random));
+                Vec::new()
+            }
+            Family::Empty => Vec::new(),
+        };
+        Self { family, seed, blades, visits }
+    }
+
+    /// Frames of a clip that shows all of it: 45 of what stands still, 60 of a hand that comes and
+    /// leaves, 80 for each of several.
+    pub fn frames(&self) -> usize {
+        match self.visits.len() {
+            0 => 45,
+            1 => 60,
+            several => 80 * several,
+        }
     }
 }
 
@@ -59,20 +119,10 @@ impl Family {
             Family::Toward => "toward",
             Family::Fan => "fan",
             Family::Crossing => "crossing",
-        }
-    }
-
-    fn place(self, seed: u64) -> Vec<SyntheticBlade> {
-        // A family has its own numbers: the blade of `single 1` is not one of `row 1`.
-        let mut random = Random::new(seed ^ ((self as u64) << 56), SCENE_STREAM);
-        // The shape of single blades is given, so that five seeds in a row show all five.
-        let shape = SHAPES[(seed % SHAPES.len() as u64) as usize];
-        match self {
-            Family::Single => arrange::single(shape, &mut random),
-            Family::Row => arrange::row(&mut random),
-            Family::Toward => arrange::toward(shape, &mut random),
-            Family::Fan => arrange::fan(&mut random),
-            Family::Crossing => arrange::crossing(&mut random),
+            Family::Held => "held",
+            Family::Hand => "hand",
+            Family::Empty => "empty",
+            Family::Kiosk => "kiosk",
         }
     }
 }
@@ -111,10 +161,16 @@ mod tests {
     #[test]
     fn sizes_are_those_of_the_design() {
         for family in FAMILIES {
-            for blade in (0..30).flat_map(|seed| Scene::new(family, seed).blades) {
+            for blade in (0..if family == Family::Kiosk { 4 } else { 30 })
+                .flat_map(|seed| Scene::new(family, seed).blades)
+            {
                 let aspect = blade.max_width_m / blade.length_m;
-                assert!((0.12..=0.26).contains(&blade.length_m));
-                assert!((0.04..=0.14).contains(&aspect));
+                // What a hand leaves to be seen is shorter, and as wide.
+                let in_hand = [Family::Held, Family::Kiosk].contains(&family);
+                let (lengths, aspects) =
+                    if in_hand { (0.11..=0.25, 0.04..=0.19) } else { (0.12..=0.26, 0.04..=0.14) };
+                assert!(lengths.contains(&blade.length_m), "{family:?}: {} m", blade.length_m);
+                assert!(aspects.contains(&aspect), "{family:?}: {aspect}");
                 let (low, high) = blade.bounds();
                 assert!(low.z > 0.4 && high.z < 0.75, "{family:?}");
             }
