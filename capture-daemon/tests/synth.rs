@@ -34,7 +34,8 @@ fn check_truth_against_picture(clip: &Clip) {
         let mut hidden = 0;
         // The root is the end of the ribbon: the nearest pixel centre may lie beyond.
         for knot in &blade.knots[1..] {
-            let half_width_px = frame.camera.fx * knot.half_width_m[0] / knot.camera_m[2];
+            let half_width_m = knot.half_width_m[0].min(knot.half_width_m[1]);
+            let half_width_px = frame.camera.fx * half_width_m / knot.camera_m[2];
             // Where the blade is thinner than the distance to the next pixel centre, the picture may
             // show the wall.
             if half_width_px < 1.0 {
@@ -77,6 +78,22 @@ fn other_sizes_show_the_same_scene() {
             let small = Clip::new(Scene::new(family, 2), ClipParams { frames: 60, ..ClipParams::default() });
             assert_eq!(Truth::of(&clip).blades, Truth::of(&small.expect("in range")).blades);
         }
+    }
+}
+
+/// The midrib of an asymmetric blade is a crease: the nearest of its cross-section, or the farthest.
+#[test]
+fn the_midrib_of_an_asymmetric_blade_can_be_seen() {
+    for seed in 0..10 {
+        let scene = Scene::new(Family::Asymmetric, seed);
+        let blade = &scene.blades[0];
+        let section = &blade.sections[blade.sections.len() / 3];
+        let ratio = section.half_width_left / section.half_width_right;
+        assert!((1.19..=2.01).contains(&ratio.max(1.0 / ratio)), "seed {seed}: {ratio}");
+        let chord = section.left().lerp(section.right(), 1.0 / (1.0 + 1.0 / ratio));
+        let behind = (chord - section.center).z;
+        assert!(behind * blade.fold > 0.0, "seed {seed}: {behind} m behind at a fold of {}", blade.fold);
+        assert!(behind.abs() > 0.0004, "seed {seed}: {behind} m");
     }
 }
 
@@ -206,6 +223,7 @@ fn frames_are_these_bits_on_every_machine() {
     assert_eq!(hash_of(&[Family::Single, Family::Row]), "9043950ca84ad9de");
     assert_eq!(hash_of(&[Family::Toward, Family::Fan, Family::Crossing]), "a2ef773517027fac");
     assert_eq!(hash_of(&[Family::Held, Family::Hand, Family::Empty, Family::Kiosk]), "669e81b31c570b86");
+    assert_eq!(hash_of(&[Family::Twisted, Family::Asymmetric]), "263a34505079877a");
 }
 
 /// Of four frames of a clip of each family.

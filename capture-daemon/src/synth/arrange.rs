@@ -54,6 +54,33 @@ pub(super) fn toward(shape: Shape, random: &mut Random) -> Vec<SyntheticBlade> {
     }
 }
 
+/// One blade that twists by 30° to 90° about its midrib, flat otherwise; in its middle it faces the
+/// camera, more or less.
+pub(super) fn twisted(shape: Shape, random: &mut Random) -> Vec<SyntheticBlade> {
+    let mut growth = Growth::random(shape, random);
+    let side = if random.unit() < 0.5 { -1.0 } else { 1.0 };
+    growth.twist = side * random.range(0.524, 1.57);
+    growth.yaw = -0.5 * growth.twist + random.range(-0.15, 0.15);
+    growth.bend_across *= 0.6;
+    vec![centered(growth.grow(), place_of_one(random))]
+}
+
+/// One blade whose halves differ in width, 1:1.2 to 1:2, folded along the midrib by 10° to 25°: its
+/// edges lie behind the midrib or before it, so that a depth camera sees where the midrib is.
+pub(super) fn asymmetric(shape: Shape, random: &mut Random) -> Vec<SyntheticBlade> {
+    let mut growth = Growth::random(shape, random);
+    growth.left_share = 1.0 / (1.0 + random.range(1.2, 2.0));
+    if random.unit() < 0.5 {
+        growth.left_share = 1.0 - growth.left_share;
+    }
+    let side = if random.unit() < 0.5 { -1.0 } else { 1.0 };
+    // Tangents of 10° and 25°.
+    growth.fold = side * random.range(0.1763, 0.4663);
+    growth.yaw *= 0.6;
+    growth.twist *= 0.6;
+    vec![centered(growth.grow(), place_of_one(random))]
+}
+
 /// The middle of a blade that stands alone.
 fn place_of_one(random: &mut Random) -> DVec3 {
     let (x, y) = (random.range(-0.06, 0.06), random.range(-0.02, 0.02));

@@ -32,10 +32,14 @@ pub enum Family {
     Empty,
     /// A session: three to five visitors in turn, each like `held`.
     Kiosk,
+    /// One blade that twists by 30° to 90° about its midrib.
+    Twisted,
+    /// One blade whose halves differ in width, by up to 1:2, folded by 10° to 25° along its midrib.
+    Asymmetric,
 }
 
 /// All families.
-pub const FAMILIES: [Family; 9] = [
+pub const FAMILIES: [Family; 11] = [
     Family::Single,
     Family::Row,
     Family::Toward,
@@ -45,6 +49,8 @@ pub const FAMILIES: [Family; 9] = [
     Family::Hand,
     Family::Empty,
     Family::Kiosk,
+    Family::Twisted,
+    Family::Asymmetric,
 ];
 
 /// Blades before a camera that looks at a wall.
@@ -78,6 +84,8 @@ impl Scene {
             Family::Single => arrange::single(shape, &mut random),
             Family::Row => arrange::row(&mut random),
             Family::Toward => arrange::toward(shape, &mut random),
+            Family::Twisted => arrange::twisted(shape, &mut random),
+            Family::Asymmetric => arrange::asymmetric(shape, &mut random),
             Family::Fan => arrange::fan(&mut random),
             Family::Crossing => arrange::crossing(&mut random),
             Family::Held | Family::Kiosk => {
@@ -123,6 +131,8 @@ impl Family {
             Family::Hand => "hand",
             Family::Empty => "empty",
             Family::Kiosk => "kiosk",
+            Family::Twisted => "twisted",
+            Family::Asymmetric => "asymmetric",
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::blade::SyntheticBlade;
+use super::blade::{Section, SyntheticBlade};
 use super::hand::Triangle;
 use crate::frame::CameraModel;
 
@@ -52,10 +52,19 @@ impl Surface {
             y: (camera.fy * point.y / point.z + camera.cy) * SAMPLES_PER_PX,
             inverse_depth: 1.0 / point.z,
         };
-        let ribbons: Vec<Vec<[Corner; 2]>> = blades
-            .iter()
-            .map(|blade| blade.sections.iter().map(|s| [corner(s.left()), corner(s.right())]).collect())
-            .collect();
+        let ribbon = |blade: &SyntheticBlade, left: fn(&Section) -> DVec3, right: fn(&Section) -> DVec3| {
+            blade.sections.iter().map(|s| [corner(left(s)), corner(right(s))]).collect::<Vec<_>>()
+        };
+        // A folded blade is two ribbons that meet at the midrib.
+        let ribbons = blades.iter().flat_map(|blade| {
+            if blade.fold == 0.0 {
+                vec![ribbon(blade, Section::left, Section::right)]
+            } else {
+                let midrib = |section: &Section| section.center;
+                vec![ribbon(blade, Section::left, midrib), ribbon(blade, midrib, Section::right)]
+            }
+        });
+        let ribbons: Vec<Vec<[Corner; 2]>> = ribbons.collect();
         let triangles: Vec<[Corner; 3]> = triangles.iter().map(|triangle| triangle.map(corner)).collect();
         let corners = ribbons.iter().flatten().flatten().chain(triangles.iter().flatten());
         let mut surface = Self::around(corners, size);

@@ -84,8 +84,12 @@ pub struct TruthBlade {
     pub shape: Shape,
     /// Arc length of its midrib.
     pub length_m: f64,
-    /// Its greatest width.
+    /// Its greatest width, both half widths together.
     pub max_width_m: f64,
+    /// Slope of a folded blade's halves: an edge lies `fold` times its half width behind the line along
+    /// `across`, at right angles to it and the midrib; before it where negative. 0 for a flat blade.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub fold: f64,
     /// [`TRUTH_KNOTS`] knots from root to tip at equal steps of arc length.
     pub knots: Vec<TruthKnot>,
 }
@@ -95,9 +99,9 @@ pub struct TruthBlade {
 pub struct TruthKnot {
     /// On the midrib.
     pub camera_m: [f64; 3],
-    /// Unit vector from the left edge to the right edge.
+    /// Unit vector from the left edge to the right edge, but for the fold.
     pub across: [f64; 3],
-    /// From the midrib to the left and the right edge.
+    /// From the midrib to the left and the right edge, along `across`.
     pub half_width_m: [f64; 2],
 }
 
@@ -157,9 +161,14 @@ impl TruthBlade {
             shape: blade.shape,
             length_m: rounded(blade.length_m),
             max_width_m: rounded(blade.max_width_m),
+            fold: rounded(blade.fold),
             knots: knots.collect(),
         }
     }
+}
+
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
 }
 
 /// To 10⁻⁷, so that the file stays short.
