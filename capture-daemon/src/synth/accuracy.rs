@@ -3,6 +3,7 @@
 use common::geometry::{distance, polyline};
 use glam::Vec3;
 
+use super::blade::SyntheticBlade;
 use super::clip::{Clip, ClipParams, ClipParamsError};
 use super::scene::{Family, Scene};
 use crate::pipeline::CapturedBlade;
@@ -10,6 +11,8 @@ use crate::session::{Session, SessionParams};
 
 /// A captured blade belongs to a true one when their midribs are on average no farther apart, metres.
 pub const MATCH_M: f32 = 0.015;
+/// Points evenly along a midrib at which distances are taken.
+const POINTS: usize = 64;
 
 /// One matched blade's errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,9 +21,9 @@ pub struct BladeError {
     pub length: f32,
     /// |largest width − truth| / truth.
     pub max_width: f32,
-    /// Mean distance of the midribs, metres.
+    /// Mean distance of the midribs, metres; of blades in a hand after the best translation.
     pub midrib_m: f32,
-    /// Hausdorff distance of the midribs, metres.
+    /// Hausdorff distance of the midribs, metres; of blades in a hand after the best translation.
     pub hausdorff_m: f32,
 }
 
@@ -31,6 +34,8 @@ pub struct ClipResult {
     pub seed: u64,
     /// Captures that gave a blade.
     pub captures: usize,
+    /// Captures there should be: one of a scene with blades, one of each visitor's.
+    pub expected_captures: usize,
     /// Blades captured.
     pub captured: usize,
     /// Blades there were.
@@ -40,14 +45,15 @@ pub struct ClipResult {
 }
 
 impl ClipResult {
-    /// One capture, as many blades as the truth, each matched.
+    /// One capture of each visitor, as many blades as the truth, each matched; nothing where there is none.
     pub fn is_exact(&self) -> bool {
-        let one_capture = self.captures == usize::from(self.truth > 0);
-        one_capture && self.captured == self.truth && self.matched.len() == self.truth
+        let each_once = self.captures == self.expected_captures;
+        each_once && self.captured == self.truth && self.matched.len() == self.truth
     }
 }
 
-/// Films a scene, captures it and compares.
+/// Films a scene, captures it and compares. A hand trembles: blades that it holds are compared after the
+/// best translation, and each visitor's with the captures of their own time.
 ///
 /// # Errors
 /// When `clip` is out of its ranges.
@@ -58,34 +64,83 @@ pub fn measure(
     params: &SessionParams,
 ) -> Result<ClipResult, ClipParamsError> {
     let clip = Clip::new(Scene::new(family, seed), clip)?;
+    let (scene, visits) = (clip.scene(), clip.visits());
+    // The true blades of each visit and the captured ones; those of a scene without a hand are of one.
+    let mut groups: Vec<(&[SyntheticBlade], Vec<CapturedBlade>)> =
+        scene.visits.iter().map(|visit| (&scene.blades[visit.blades.clone()], Vec::new())).collect();
+    if groups.is_empty() {
+        groups.push((&scene.blades, Vec::new()));
+    }
+    let mut result = ClipResult { seed, truth: scene.blades.len(), ..ClipResult::default() };
+    result.expected_captures = groups.iter().filter(|(truth, _)| !truth.is_empty()).count();
     let mut session = Session::new(params.clone());
-    let mut result = ClipResult { seed, truth: clip.scene().blades.len(), ..ClipResult::default() };
-    let mut captured = Vec::new();
-    for frame in clip.frames() {
+    for (index, frame) in clip.frames().enumerate() {
         let Some(capture) = session.push(&frame) else { continue };
         result.captures += usize::from(!capture.steps.blades.is_empty());
-        captured.extend(capture.steps.blades);
+        result.captured += capture.steps.blades.len();
+        // The latest visit that has begun.
+        let visit = visits.iter().rposition(|visit| visit.visible.start <= index).unwrap_or(0);
+        groups[visit].1.extend(capture.steps.blades);
     }
-    result.captured = captured.len();
-    for truth in &clip.scene().blades {
-        let midrib: Vec<Vec3> = truth.sections.iter().step_by(4).map(|s| s.center.as_vec3()).collect();
-        let nearest = captured
-            .iter()
-            .enumerate()
-            .map(|(index, blade)| (index, mean_distance(&midrib, &midrib_of(blade))))
-            .min_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((index, midrib_m)) = nearest.filter(|(_, mean)| *mean <= MATCH_M) {
-            let blade = captured.swap_remove(index);
-            let relative = |found: f32, truth: f64| (f64::from(found) / truth - 1.0).abs() as f32;
-            result.matched.push(BladeError {
-                length: relative(blade.blade.length_m(), truth.length_m),
-                max_width: relative(blade.blade.max_width_m(), truth.max_width_m),
-                midrib_m,
-                hausdorff_m: distance::hausdorff(&midrib, &midrib_of(&blade)),
-            });
-        }
+    for (truth, captured) in groups {
+        result.matched.extend(matches(truth, &captured, !scene.visits.is_empty()));
     }
     Ok(result)
+}
+
+/// The errors of true blades that were captured, in the truth's order: pairs are made from the closest
+/// on, each blade in one at most.
+fn matches(truth: &[SyntheticBlade], captured: &[CapturedBlade], in_hand: bool) -> Vec<BladeError> {
+    let true_midribs: Vec<Vec<Vec3>> = truth
+        .iter()
+        .map(|blade| blade.sections.iter().step_by(4).map(|section| section.center.as_vec3()).collect())
+        .collect();
+    let midribs: Vec<Vec<Vec3>> = captured.iter().map(midrib_of).collect();
+    let mut pairs: Vec<(f32, usize, usize)> = Vec::new();
+    for (i, of_truth) in true_midribs.iter().enumerate() {
+        pairs.extend(midribs.iter().enumerate().map(|(j, found)| (mean_distance(of_truth, found), i, j)));
+    }
+    pairs.retain(|pair| pair.0 <= MATCH_M);
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut partner: Vec<Option<usize>> = vec![None; truth.len()];
+    for (_, i, j) in pairs {
+        if partner[i].is_none() && !partner.contains(&Some(j)) {
+            partner[i] = Some(j);
+        }
+    }
+    let errors = truth.iter().zip(&true_midribs).zip(&partner).filter_map(|((truth, midrib), partner)| {
+        let (blade, found) = (&captured[(*partner)?].blade, &midribs[(*partner)?]);
+        let by = if in_hand { best_translation(found, midrib) } else { Vec3::ZERO };
+        let found: Vec<Vec3> = found.iter().map(|&point| point + by).collect();
+        let relative = |found: f32, truth: f64| (f64::from(found) / truth - 1.0).abs() as f32;
+        Some(BladeError {
+            length: relative(blade.length_m(), truth.length_m),
+            max_width: relative(blade.max_width_m(), truth.max_width_m),
+            midrib_m: mean_distance(midrib, &found),
+            hausdorff_m: distance::hausdorff(midrib, &found),
+        })
+    });
+    errors.collect()
+}
+
+/// The translation that brings a midrib closest to another: from points to those nearest to them, both
+/// ways, again and again.
+fn best_translation(midrib: &[Vec3], to: &[Vec3]) -> Vec3 {
+    const ROUNDS: usize = 12;
+    let (points, targets) = (polyline::resample(midrib, POINTS), polyline::resample(to, POINTS));
+    let mut by = Vec3::ZERO;
+    for _ in 0..ROUNDS {
+        let moved: Vec<Vec3> = points.iter().map(|&point| point + by).collect();
+        let nearest = |point: Vec3, among: &[Vec3]| {
+            let closer =
+                |a: &&Vec3, b: &&Vec3| a.distance_squared(point).total_cmp(&b.distance_squared(point));
+            among.iter().min_by(closer).copied().unwrap_or(point)
+        };
+        let forth: Vec3 = moved.iter().map(|&point| nearest(point, &targets) - point).sum();
+        let back: Vec3 = targets.iter().map(|&target| target - nearest(target, &moved)).sum();
+        by += (forth + back) / (2.0 * POINTS as f32);
+    }
+    by
 }
 
 fn midrib_of(blade: &CapturedBlade) -> Vec<Vec3> {
@@ -94,7 +149,6 @@ fn midrib_of(blade: &CapturedBlade) -> Vec<Vec3> {
 
 /// Mean of the distances from each to the other, both ways, over points evenly along them.
 fn mean_distance(a: &[Vec3], b: &[Vec3]) -> f32 {
-    const POINTS: usize = 64;
     let one_way = |from: &[Vec3], to: &[Vec3]| {
         let points = polyline::resample(from, POINTS);
         points.iter().map(|point| distance::point_polyline(*point, to)).sum::<f32>() / POINTS as f32
@@ -107,4 +161,23 @@ pub fn quantile(mut values: Vec<f32>, share: f32) -> f32 {
     values.sort_by(f32::total_cmp);
     let last = values.len().saturating_sub(1);
     values.get((share * last as f32).round() as usize).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_translation_undoes_one() {
+        let midrib: Vec<Vec3> = (0..64)
+            .map(|i| i as f32 / 63.0)
+            .map(|t| Vec3::new(0.04 * t * t, -0.2 * t, 0.6 + 0.03 * t * t * t))
+            .collect();
+        let by = Vec3::new(0.002, -0.001, 0.0025);
+        let moved: Vec<Vec3> = midrib.iter().map(|&point| point + by).collect();
+        assert!(mean_distance(&midrib, &moved) > 0.002);
+        let back = best_translation(&moved, &midrib);
+        let again: Vec<Vec3> = moved.iter().map(|&point| point + back).collect();
+        assert!(mean_distance(&midrib, &again) < 0.0004, "{back}");
+    }
 }

@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 
+use super::motion::Pose;
 use super::random::Random;
 
 /// Cross-sections of the ribbon that is drawn: a multiple of the truth's intervals, plus one.
@@ -103,21 +104,24 @@ pub struct Section {
     pub center: DVec3,
     /// Unit vector from the left edge to the right edge, as seen with the root below.
     pub across: DVec3,
-    /// From the midrib to the left edge, ≥ 0.
+    /// From the midrib to the left edge, along `across`, ≥ 0.
     pub half_width_left: f64,
-    /// From the midrib to the right edge, ≥ 0.
+    /// From the midrib to the right edge, along `across`, ≥ 0.
     pub half_width_right: f64,
+    /// How far an edge lies off the line along `across` for each metre of its half width, at right angles
+    /// to midrib and `across`: zero for a flat blade.
+    pub fold: DVec3,
 }
 
 impl Section {
     /// The left edge.
     pub fn left(&self) -> DVec3 {
-        self.center - self.across * self.half_width_left
+        self.center - (self.across - self.fold) * self.half_width_left
     }
 
     /// The right edge.
     pub fn right(&self) -> DVec3 {
-        self.center + self.across * self.half_width_right
+        self.center + (self.across + self.fold) * self.half_width_right
     }
 }
 
@@ -128,8 +132,11 @@ pub struct SyntheticBlade {
     pub shape: Shape,
     /// Arc length of the midrib, metres.
     pub length_m: f64,
-    /// Greatest width, metres.
+    /// Greatest width, both half widths together, metres.
     pub max_width_m: f64,
+    /// Slope of both halves, which fall away from the midrib to the edges: positive away from the camera,
+    /// 0 for a flat blade, ±0.47 (25°) at most.
+    pub fold: f64,
     /// [`SECTIONS`] cross-sections, root to tip, at equal steps of arc length.
     pub sections: Vec<Section>,
 }
@@ -155,11 +162,15 @@ pub(super) struct Growth {
     pub(super) bend_out: f64,
     /// Total twist about the midrib, radians.
     pub(super) twist: f64,
+    /// Part of the width that lies left of the midrib, 0..=1.
+    pub(super) left_share: f64,
+    /// As in [`SyntheticBlade`].
+    pub(super) fold: f64,
 }
 
 impl Growth {
-    /// A random blade of a shape: 0.12 to 0.26 m long, moderately leaning, bent and twisted. Both
-    /// bends grow towards the tip.
+    /// A random blade of a shape: 0.12 to 0.26 m long, moderately leaning, bent and twisted, symmetric and
+    /// flat. Both bends grow towards the tip.
     pub(super) fn random(shape: Shape, random: &mut Random) -> Self {
         let length_m = random.range(0.12, 0.26);
         let (narrow, wide) = shape.aspect_range();
@@ -173,6 +184,8 @@ impl Growth {
             bend_across: random.range(-0.5, 0.5),
             bend_out: random.range(-0.6, 0.6),
             twist: random.range(-0.3, 0.3),
+            left_share: 0.5,
+            fold: 0.0,
         }
     }
 
@@ -191,8 +204,14 @@ impl Growth {
         let sections = (0..SECTIONS)
             .map(|i| {
                 let along = i as f64 / steps as f64;
-                let half = 0.5 * self.max_width_m * self.shape.relative_width(along);
-                let section = Section { center, across, half_width_left: half, half_width_right: half };
+                let relative = self.shape.relative_width(along);
+                let section = Section {
+                    center,
+                    across,
+                    half_width_left: self.left_share * self.max_width_m * relative,
+                    half_width_right: (1.0 - self.left_share) * self.max_width_m * relative,
+                    fold: -self.fold * normal,
+                };
                 // The weights 2·along add up to one over the blade.
                 let share = 2.0 * (along + 0.5 / steps as f64) / steps as f64;
                 turn(&mut tangent, &mut across, self.bend_across * share);
@@ -202,13 +221,19 @@ impl Growth {
                 section
             })
             .collect();
-        SyntheticBlade { shape: self.shape, length_m: self.length_m, max_width_m: self.max_width_m, sections }
+        SyntheticBlade {
+            shape: self.shape,
+            length_m: self.length_m,
+            max_width_m: self.max_width_m,
+            fold: self.fold,
+            sections,
+        }
     }
 }
 
-/// Turns `from` towards `to` (both unit, at right angles) by `angle` radians, |angle| < 1, and `to`
+/// Turns `from` towards `to` (both unit, at right angles) by `angle` radians, |angle| < 1.2, and `to`
 /// with it. The rotation is exact; its angle is right to the fifth order.
-fn turn(from: &mut DVec3, to: &mut DVec3, angle: f64) {
+pub(super) fn turn(from: &mut DVec3, to: &mut DVec3, angle: f64) {
     let h = 0.5 * angle;
     // tan h, to h⁵: rational, so the same bits everywhere.
     let tan_half = h * (15.0 - h * h) / (15.0 - 6.0 * h * h);
@@ -218,6 +243,43 @@ fn turn(from: &mut DVec3, to: &mut DVec3, angle: f64) {
 }
 
 impl SyntheticBlade {
+    /// The cross-section at a place counted in steps from the root, 0..=[`SECTIONS`]−1, between two of
+    /// those drawn.
+    pub(super) fn section_at(&self, place: f64) -> Section {
+        let i = (place as usize).min(SECTIONS - 2);
+        let (a, b, t) = (&self.sections[i], &self.sections[i + 1], place - i as f64);
+        let between = |a: f64, b: f64| a + (b - a) * t;
+        Section {
+            center: a.center.lerp(b.center, t),
+            across: a.across.lerp(b.across, t).normalize(),
+            half_width_left: between(a.half_width_left, b.half_width_left),
+            half_width_right: between(a.half_width_right, b.half_width_right),
+            fold: a.fold.lerp(b.fold, t),
+        }
+    }
+
+    /// The part of it from a place, counted in steps from the root, to the tip.
+    pub(super) fn cut_from(&self, place: f64) -> Self {
+        let last = (SECTIONS - 1) as f64;
+        let share = (last - place) / last;
+        let at = |i: usize| (place + share * i as f64).min(last);
+        let sections: Vec<Section> = (0..SECTIONS).map(|i| self.section_at(at(i))).collect();
+        let widths = sections.iter().map(|section| section.half_width_left + section.half_width_right);
+        let max_width_m = widths.fold(0.0, f64::max);
+        Self { shape: self.shape, length_m: self.length_m * share, max_width_m, fold: self.fold, sections }
+    }
+
+    /// The same blade in a pose.
+    pub(super) fn posed(&self, pose: &Pose) -> Self {
+        let mut blade = self.clone();
+        for section in &mut blade.sections {
+            section.center = pose.apply(section.center);
+            section.across = pose.rotation * section.across;
+            section.fold = pose.rotation * section.fold;
+        }
+        blade
+    }
+
     /// The same blade, moved.
     pub(super) fn moved(mut self, by: DVec3) -> Self {
         for section in &mut self.sections {

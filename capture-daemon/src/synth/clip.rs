@@ -1,7 +1,9 @@
-//! A clip: an empty picture, a scene that is held still, an empty picture again.
+//! A clip: an empty picture, a scene that stands still or is held up by hands, an empty picture again.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
+use super::motion::{Pose, VisitFrames};
 use super::random::Random;
 use super::scene::Scene;
 use super::sensor::{DEPTH_UNIT_M, Sensor};
@@ -80,6 +82,7 @@ pub struct Clip {
     scene: Scene,
     params: ClipParams,
     sensor: Sensor,
+    /// What stands still.
     surface: Surface,
 }
 
@@ -92,7 +95,8 @@ impl Clip {
         params.check()?;
         let camera = params.camera();
         let sensor = Sensor { width: params.width, height: params.height, camera, noise: params.noise };
-        let surface = Surface::draw(&scene.blades, &camera);
+        let still: &[_] = if scene.visits.is_empty() { &scene.blades } else { &[] };
+        let surface = Surface::draw(still, &[], &camera, (params.width, params.height));
         Ok(Self { scene, params, sensor, surface })
     }
 
@@ -106,10 +110,42 @@ impl Clip {
         &self.params
     }
 
-    /// The frames that show the scene: all but up to 8 before it and up to 5 after it.
+    /// The frames that show the scene. Where it stands still: all but up to 8 before it and up to 5
+    /// after it. Of visits: from the first one's coming to the last one's leaving. None of an empty scene.
     pub fn visible(&self) -> Range<usize> {
         let frames = self.params.frames;
-        (frames / 8).min(8)..frames - (frames / 12).min(5)
+        match self.visits().as_slice() {
+            [] if self.scene.blades.is_empty() => 0..0,
+            [] => (frames / 8).min(8)..frames - (frames / 12).min(5),
+            [first, .., last] => first.visible.start..last.visible.end,
+            [only] => only.visible.clone(),
+        }
+    }
+
+    /// The frames of each of the scene's visits, which share the clip evenly: up to 15 empty ones, up
+    /// to 10 of coming, the hold, up to 10 of leaving, up to 5 empty ones.
+    pub fn visits(&self) -> Vec<VisitFrames> {
+        let count = self.scene.visits.len();
+        (0..count).map(|index| VisitFrames::new(index, count, self.params.frames)).collect()
+    }
+
+    /// The pose of what a hand holds in a frame, from the one at the start of its hold; none while it is
+    /// out of the picture.
+    pub fn pose(&self, visit: usize, frame: usize) -> Option<Pose> {
+        let frames = VisitFrames::new(visit, self.scene.visits.len(), self.params.frames);
+        self.scene.visits.get(visit)?.motion.pose(&frames, frame)
+    }
+
+    /// The surface that a frame shows.
+    fn surface(&self, frame: usize) -> Option<Cow<'_, Surface>> {
+        if self.scene.visits.is_empty() {
+            return self.visible().contains(&frame).then_some(Cow::Borrowed(&self.surface));
+        }
+        let mut visits = self.scene.visits.iter().enumerate();
+        let (visit, pose) = visits.find_map(|(index, visit)| Some((visit, self.pose(index, frame)?)))?;
+        let (blades, hand) = visit.posed(&pose);
+        let size = (self.params.width, self.params.height);
+        Some(Cow::Owned(Surface::draw(&blades, &hand, &self.sensor.camera, size)))
     }
 
     /// Frame `index`, from 0; those behind the last show the empty wall. Depth in millimetres;
@@ -117,11 +153,11 @@ impl Clip {
     pub fn frame(&self, index: usize) -> DepthFrame {
         // Stream 0 is the scene's.
         let mut random = Random::new(self.scene.seed, index as u64 + 1);
-        let surface = self.visible().contains(&index).then_some(&self.surface);
+        let surface = self.surface(index);
         DepthFrame {
             width: self.params.width,
             height: self.params.height,
-            depth: self.sensor.take(surface, &mut random),
+            depth: self.sensor.take(surface.as_deref(), &mut random),
             depth_unit_m: DEPTH_UNIT_M,
             timestamp_ns: START_NS + index as u64 * (1e9 / self.params.fps) as u64,
             camera: self.sensor.camera,

@@ -20,14 +20,28 @@ pub enum Format {
 }
 
 /// Which scenes to film.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Families {
-    /// One blade, its root below.
-    Single,
-    /// Three to six blades side by side that do not touch.
-    Row,
     /// Each family in turn.
     All,
+    /// One of them.
+    Only(Family),
+}
+
+impl clap::ValueEnum for Families {
+    fn value_variants<'a>() -> &'a [Self] {
+        static VARIANTS: std::sync::LazyLock<Vec<Families>> = std::sync::LazyLock::new(|| {
+            FAMILIES.into_iter().map(Families::Only).chain([Families::All]).collect()
+        });
+        &VARIANTS
+    }
+
+    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+        match self {
+            Families::All => Some(clap::builder::PossibleValue::new("all").help("Each family in turn")),
+            Families::Only(family) => family.to_possible_value(),
+        }
+    }
 }
 
 /// Writes recordings of synthetic blades, each with its truth beside it.
@@ -52,9 +66,10 @@ pub struct SynthArgs {
     /// Errors of the sensor: 1 like a real one, 0 none, 10 at most. Example: --noise 0.5
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse_noise, allow_negative_numbers = true)]
     pub noise: f64,
-    /// Frames of each clip at 30 a second, the empty ones before and after included. Example: --frames 60
-    #[arg(long, value_name = "N", default_value_t = 45, value_parser = parse_frames)]
-    pub frames: usize,
+    /// Frames of each clip at 30 a second, the empty ones before and after included. Without it 45; 60 of
+    /// a hand, 80 for each visitor of a kiosk. Example: --frames 60
+    #[arg(long, value_name = "N", value_parser = parse_frames)]
+    pub frames: Option<usize>,
     /// Form of the recordings. Example: --format png
     #[arg(long, value_name = "FORMAT", value_enum, default_value_t)]
     pub format: Format,
@@ -94,19 +109,14 @@ fn checked<T>(value: T, params: ClipParams) -> Result<T, String> {
 /// When a parameter is out of its range, or a file cannot be written.
 pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
     let (width, height) = args.size;
-    let params =
-        ClipParams { width, height, noise: args.noise, frames: args.frames, ..ClipParams::default() };
-    let wanted = |family: Family| {
-        args.family.iter().any(|&wanted| match wanted {
-            Families::All => true,
-            Families::Single => family == Family::Single,
-            Families::Row => family == Family::Row,
-        })
-    };
+    let params = ClipParams { width, height, noise: args.noise, ..ClipParams::default() };
+    let wanted = |family| [Families::All, Families::Only(family)].iter().any(|it| args.family.contains(it));
     let mut paths = Vec::new();
     for family in FAMILIES.into_iter().filter(|&family| wanted(family)) {
         for seed in (args.seed..).take(args.clips as usize) {
-            let clip = Clip::new(Scene::new(family, seed), params)?;
+            let scene = Scene::new(family, seed);
+            let params = ClipParams { frames: args.frames.unwrap_or(scene.frames()), ..params };
+            let clip = Clip::new(scene, params)?;
             paths.push(write(&args.out, &clip, args.format, args.compression_level)?);
         }
     }
@@ -131,6 +141,7 @@ pub fn write(out: &Path, clip: &Clip, format: Format, compression_level: u32) ->
     let mut truth = serde_json::to_string(&Truth::of(clip)).context("the truth cannot be written as JSON")?;
     // One knot on a line: readable, and short.
     truth = truth.replace("{\"camera_m\"", "\n{\"camera_m\"").replace("{\"shape\"", "\n{\"shape\"");
+    truth = truth.replace("{\"rotation\"", "\n{\"rotation\"");
     truth.push('\n');
     std::fs::write(&truth_path, truth)
         .with_context(|| format!("{}: cannot be written", truth_path.display()))?;

@@ -1,11 +1,11 @@
 //! Scenes: which blades stand before the camera, and where.
 //!
-//! A family is one function from random numbers to blades; a new one is a variant, a function and a
-//! line in [`Family::place`].
+//! A family is one function from random numbers to blades (see [`arrange`]); a new one is a variant, a
+//! function and a line in [`Scene::new`].
 
-use glam::DVec3;
-
-use super::blade::{Growth, SHAPES, Shape, SyntheticBlade};
+use super::arrange;
+use super::blade::{SHAPES, SyntheticBlade};
+use super::held::{self, Visit};
 use super::random::Random;
 
 /// A family of scenes.
@@ -16,10 +16,42 @@ pub enum Family {
     Single,
     /// Three to six blades side by side that do not touch.
     Row,
+    /// One blade that bends strongly towards the camera or away from it, by 0.4 to 1.2 rad in all.
+    Toward,
+    /// A tuft: three to nine blades from one base.
+    Fan,
+    /// Two blades, now and then three, one before the other: they cross in the picture, 4 to 7 cm apart
+    /// in depth at the roots.
+    Crossing,
+    /// One to five blades in a hand with its forearm: it comes in from the border, holds them up with a
+    /// tremor of up to 3 mm and 0.5°, and leaves.
+    Held,
+    /// A hand that holds nothing, and moves like `held`.
+    Hand,
+    /// Nothing but the wall.
+    Empty,
+    /// A session: three to five visitors in turn, each like `held`.
+    Kiosk,
+    /// One blade that twists by 30° to 90° about its midrib.
+    Twisted,
+    /// One blade whose halves differ in width, by up to 1:2, folded by 10° to 25° along its midrib.
+    Asymmetric,
 }
 
 /// All families.
-pub const FAMILIES: [Family; 2] = [Family::Single, Family::Row];
+pub const FAMILIES: [Family; 11] = [
+    Family::Single,
+    Family::Row,
+    Family::Toward,
+    Family::Fan,
+    Family::Crossing,
+    Family::Held,
+    Family::Hand,
+    Family::Empty,
+    Family::Kiosk,
+    Family::Twisted,
+    Family::Asymmetric,
+];
 
 /// Blades before a camera that looks at a wall.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,21 +60,61 @@ pub struct Scene {
     pub family: Family,
     /// Which one of its family.
     pub seed: u64,
-    /// The blades, camera frame; in a row from left to right.
+    /// The blades, camera frame; those of a row and of a fan from left to right, those of a crossing from
+    /// the nearest to the farthest; of those in a hand what is seen above it when the hold starts,
+    /// visitor by visitor, from left to right.
     pub blades: Vec<SyntheticBlade>,
+    /// The hands that come and leave, in turn; none where the blades stand by themselves.
+    pub visits: Vec<Visit>,
 }
 
 /// The stream of random numbers that scenes use; the sensor's frames use those above it.
 const SCENE_STREAM: u64 = 0;
-/// Nearest and farthest middle of a blade, metres.
-const DEPTH_RANGE_M: (f64, f64) = (0.50, 0.65);
-/// Widest row, metres: it fits into the picture of a camera of 58° at the nearest depth.
-const ROW_WIDTH_M: f64 = 0.48;
 
 impl Scene {
     /// The scene of a family with a seed: the same on every machine.
     pub fn new(family: Family, seed: u64) -> Self {
-        Self { family, seed, blades: family.place(seed) }
+        // A family has its own numbers: the blade of `single 1` is not one of `row 1`.
+        let seed_of_family = seed ^ ((family as u64) << 56);
+        let mut random = Random::new(seed_of_family, SCENE_STREAM);
+        // The shape of single blades is given, so that five seeds in a row show all five.
+        let shape = SHAPES[(seed % SHAPES.len() as u64) as usize];
+        let mut visits = Vec::new();
+        let blades = match family {
+            Family::Single => arrange::single(shape, &mut random),
+            Family::Row => arrange::row(&mut random),
+            Family::Toward => arrange::toward(shape, &mut random),
+            Family::Twisted => arrange::twisted(shape, &mut random),
+            Family::Asymmetric => arrange::asymmetric(shape, &mut random),
+            Family::Fan => arrange::fan(&mut random),
+            Family::Crossing => arrange::crossing(&mut random),
+            Family::Held | Family::Kiosk => {
+                let visitors = if family == Family::Held { 1 } else { random.integer(3, 5) };
+                let mut blades = Vec::new();
+                for visitor in 0..visitors {
+                    let (visit, seen) = held::held(seed_of_family, visitor, blades.len(), &mut random);
+                    visits.push(visit);
+                    blades.extend(seen);
+                }
+                blades
+            }
+            Family::Hand => {
+                visits.push(held::empty_hand(seed_of_family, &mut random));
+                Vec::new()
+            }
+            Family::Empty => Vec::new(),
+        };
+        Self { family, seed, blades, visits }
+    }
+
+    /// Frames of a clip that shows all of it: 45 of what stands still, 60 of a hand that comes and
+    /// leaves, 80 for each of several.
+    pub fn frames(&self) -> usize {
+        match self.visits.len() {
+            0 => 45,
+            1 => 60,
+            several => 80 * several,
+        }
     }
 }
 
@@ -52,69 +124,22 @@ impl Family {
         match self {
             Family::Single => "single",
             Family::Row => "row",
+            Family::Toward => "toward",
+            Family::Fan => "fan",
+            Family::Crossing => "crossing",
+            Family::Held => "held",
+            Family::Hand => "hand",
+            Family::Empty => "empty",
+            Family::Kiosk => "kiosk",
+            Family::Twisted => "twisted",
+            Family::Asymmetric => "asymmetric",
         }
     }
-
-    fn place(self, seed: u64) -> Vec<SyntheticBlade> {
-        // A family has its own numbers: the blade of `single 1` is not one of `row 1`.
-        let mut random = Random::new(seed ^ ((self as u64) << 56), SCENE_STREAM);
-        match self {
-            Family::Single => single(SHAPES[(seed % SHAPES.len() as u64) as usize], &mut random),
-            Family::Row => row(&mut random),
-        }
-    }
-}
-
-/// One blade near the middle of the picture. Its shape is given, so that five seeds in a row show
-/// all five.
-fn single(shape: Shape, random: &mut Random) -> Vec<SyntheticBlade> {
-    let blade = Growth::random(shape, random).grow();
-    let (x, y) = (random.range(-0.06, 0.06), random.range(-0.02, 0.02));
-    let z = random.range(DEPTH_RANGE_M.0, DEPTH_RANGE_M.1);
-    vec![centered(blade, DVec3::new(x, y, z))]
-}
-
-/// Three to six blades from left to right, 12 to 30 mm of air between the boxes that hold them.
-fn row(random: &mut Random) -> Vec<SyntheticBlade> {
-    let z = random.range(DEPTH_RANGE_M.0 + 0.02, DEPTH_RANGE_M.1 - 0.02);
-    // A row that came out too wide is drawn again; about every second one of six blades is.
-    loop {
-        let count = random.integer(3, 6);
-        let placed: Vec<(SyntheticBlade, f64)> = (0..count)
-            .map(|_| {
-                let shape = SHAPES[random.integer(0, SHAPES.len() - 1)];
-                let mut growth = Growth::random(shape, random);
-                growth.lean *= 0.5;
-                growth.bend_across *= 0.5;
-                (growth.grow(), random.range(0.012, 0.030))
-            })
-            .collect();
-        let width = |blade: &SyntheticBlade| blade.bounds().1.x - blade.bounds().0.x;
-        let total: f64 = placed.iter().map(|(blade, gap)| width(blade) + gap).sum();
-        if total > ROW_WIDTH_M {
-            continue;
-        }
-        let mut left = -0.5 * total;
-        return placed
-            .into_iter()
-            .map(|(blade, gap)| {
-                let x = left + 0.5 * (gap + width(&blade));
-                left += gap + width(&blade);
-                let depth = z + random.range(-0.02, 0.02);
-                centered(blade, DVec3::new(x, random.range(-0.015, 0.015), depth))
-            })
-            .collect();
-    }
-}
-
-/// The blade with the middle of its box at `at`.
-fn centered(blade: SyntheticBlade, at: DVec3) -> SyntheticBlade {
-    let (low, high) = blade.bounds();
-    blade.moved(at - 0.5 * (low + high))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::blade::Shape;
     use super::*;
 
     #[test]
@@ -146,12 +171,18 @@ mod tests {
     #[test]
     fn sizes_are_those_of_the_design() {
         for family in FAMILIES {
-            for blade in (0..30).flat_map(|seed| Scene::new(family, seed).blades) {
+            for blade in (0..if family == Family::Kiosk { 4 } else { 30 })
+                .flat_map(|seed| Scene::new(family, seed).blades)
+            {
                 let aspect = blade.max_width_m / blade.length_m;
-                assert!((0.12..=0.26).contains(&blade.length_m));
-                assert!((0.04..=0.14).contains(&aspect));
+                // What a hand leaves to be seen is shorter, and as wide.
+                let in_hand = [Family::Held, Family::Kiosk].contains(&family);
+                let (lengths, aspects) =
+                    if in_hand { (0.11..=0.25, 0.04..=0.19) } else { (0.12..=0.26, 0.04..=0.14) };
+                assert!(lengths.contains(&blade.length_m), "{family:?}: {} m", blade.length_m);
+                assert!(aspects.contains(&aspect), "{family:?}: {aspect}");
                 let (low, high) = blade.bounds();
-                assert!(low.z > 0.4 && high.z < 0.75);
+                assert!(low.z > 0.4 && high.z < 0.75, "{family:?}");
             }
         }
     }

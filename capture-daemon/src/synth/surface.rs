@@ -1,20 +1,26 @@
-//! Blades drawn into a depth buffer that is finer than the sensor's pixels.
+//! Blades and hands drawn into a depth buffer that is finer than the sensor's pixels.
 
 use glam::DVec3;
 
-use super::blade::SyntheticBlade;
+use super::blade::{Section, SyntheticBlade};
+use super::hand::Triangle;
 use crate::frame::CameraModel;
 
 /// Samples along a pixel's side. One of them lies on the pixel's centre.
 const SAMPLES_PER_PX: f64 = 4.0;
 
+/// What lies this far beyond the picture's border still shows in it: the sensor's pixels look that far,
+/// pixels.
+const BEYOND_PX: f64 = 32.0;
+
 /// The nearest depth at every sample of a window of the picture.
+#[derive(Clone)]
 pub(super) struct Surface {
     /// First column and row of the window, in samples from the centre of pixel (0, 0).
     origin: (i64, i64),
     width: usize,
     height: usize,
-    /// Row-major, metres; infinity where no blade is.
+    /// Row-major, metres; infinity where nothing is.
     depth: Vec<f64>,
 }
 
@@ -26,19 +32,48 @@ struct Corner {
     inverse_depth: f64,
 }
 
+/// Twice a triangle's area in the picture, square samples: negative if its corners run anticlockwise, as
+/// seen.
+fn doubled_area(a: Corner, b: Corner, c: Corner) -> f64 {
+    (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+}
+
 impl Surface {
-    /// Draws blades, which lie before the camera (z > 0).
-    pub(super) fn draw(blades: &[SyntheticBlade], camera: &CameraModel) -> Self {
+    /// Draws blades and closed bodies made of triangles, which lie before the camera (z > 0): what a
+    /// picture of `size` (columns, rows) shows of them.
+    pub(super) fn draw(
+        blades: &[SyntheticBlade],
+        triangles: &[Triangle],
+        camera: &CameraModel,
+        size: (usize, usize),
+    ) -> Self {
         let corner = |point: DVec3| Corner {
             x: (camera.fx * point.x / point.z + camera.cx) * SAMPLES_PER_PX,
             y: (camera.fy * point.y / point.z + camera.cy) * SAMPLES_PER_PX,
             inverse_depth: 1.0 / point.z,
         };
-        let ribbons: Vec<Vec<[Corner; 2]>> = blades
-            .iter()
-            .map(|blade| blade.sections.iter().map(|s| [corner(s.left()), corner(s.right())]).collect())
-            .collect();
-        let mut surface = Self::around(ribbons.iter().flatten().flatten());
+        let ribbon = |blade: &SyntheticBlade, left: fn(&Section) -> DVec3, right: fn(&Section) -> DVec3| {
+            blade.sections.iter().map(|s| [corner(left(s)), corner(right(s))]).collect::<Vec<_>>()
+        };
+        // A folded blade is two ribbons that meet at the midrib.
+        let ribbons = blades.iter().flat_map(|blade| {
+            if blade.fold == 0.0 {
+                vec![ribbon(blade, Section::left, Section::right)]
+            } else {
+                let midrib = |section: &Section| section.center;
+                vec![ribbon(blade, Section::left, midrib), ribbon(blade, midrib, Section::right)]
+            }
+        });
+        let ribbons: Vec<Vec<[Corner; 2]>> = ribbons.collect();
+        let triangles: Vec<[Corner; 3]> = triangles.iter().map(|triangle| triangle.map(corner)).collect();
+        let corners = ribbons.iter().flatten().flatten().chain(triangles.iter().flatten());
+        let mut surface = Self::around(corners, size);
+        for [a, b, c] in triangles {
+            // Of closed bodies, the far side is never seen.
+            if doubled_area(a, b, c) > 0.0 {
+                surface.triangle(a, b, c);
+            }
+        }
         for ribbon in &ribbons {
             for pair in ribbon.windows(2) {
                 surface.triangle(pair[0][0], pair[0][1], pair[1][0]);
@@ -48,13 +83,16 @@ impl Surface {
         surface
     }
 
-    /// An empty window around corners.
-    fn around<'a>(corners: impl Iterator<Item = &'a Corner>) -> Self {
+    /// An empty window around corners, no larger than a picture of `size` and what may show in it.
+    fn around<'a>(corners: impl Iterator<Item = &'a Corner>, size: (usize, usize)) -> Self {
         let none = (f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY);
         let (x0, y0, x1, y1) = corners.fold(none, |(x0, y0, x1, y1), corner| {
             (x0.min(corner.x), y0.min(corner.y), x1.max(corner.x), y1.max(corner.y))
         });
-        if x0 > x1 {
+        let low = -BEYOND_PX * SAMPLES_PER_PX;
+        let [right, bottom] = [size.0, size.1].map(|side| (side as f64 + BEYOND_PX) * SAMPLES_PER_PX);
+        let (x0, y0, x1, y1) = (x0.max(low), y0.max(low), x1.min(right), y1.min(bottom));
+        if x0 > x1 || y0 > y1 {
             return Self { origin: (0, 0), width: 0, height: 0, depth: Vec::new() };
         }
         let origin = (x0.floor() as i64, y0.floor() as i64);
@@ -65,8 +103,16 @@ impl Surface {
 
     /// Draws one triangle, either way round; its rim belongs to it.
     fn triangle(&mut self, a: Corner, b: Corner, c: Corner) {
-        let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+        let area = doubled_area(a, b, c);
         if area == 0.0 {
+            return;
+        }
+        let (right, bottom) =
+            (self.origin.0 as f64 + self.width as f64, self.origin.1 as f64 + self.height as f64);
+        let beyond = |a: f64, b: f64, c: f64, low: i64, high: f64| {
+            a.max(b).max(c) < low as f64 || a.min(b).min(c) > high
+        };
+        if beyond(a.x, b.x, c.x, self.origin.0, right) || beyond(a.y, b.y, c.y, self.origin.1, bottom) {
             return;
         }
         let column = |x: f64| (x as i64 - self.origin.0).clamp(0, self.width as i64 - 1) as usize;
@@ -91,7 +137,7 @@ impl Surface {
         }
     }
 
-    /// Depth at a place of the picture, pixels; metres, infinity where no blade is.
+    /// Depth at a place of the picture, pixels; metres, infinity where nothing is.
     pub(super) fn depth_at(&self, u: f64, v: f64) -> f64 {
         let i = (u * SAMPLES_PER_PX).round() as i64 - self.origin.0;
         let j = (v * SAMPLES_PER_PX).round() as i64 - self.origin.1;
@@ -99,7 +145,7 @@ impl Surface {
         if inside { self.depth[j as usize * self.width + i as usize] } else { f64::INFINITY }
     }
 
-    /// Whether a blade may be within `margin` pixels of a pixel.
+    /// Whether something may be within `margin` pixels of a pixel.
     pub(super) fn is_near(&self, x: usize, y: usize, margin: f64) -> bool {
         let near = |pixel: usize, origin: i64, extent: usize| {
             let low = origin as f64 / SAMPLES_PER_PX - margin;

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::blade::{SECTIONS, Shape, SyntheticBlade};
 use super::clip::Clip;
+use super::motion::VisitFrames;
 use super::scene::Family;
 use super::sensor::{BACKGROUND_M, DEPTH_UNIT_M};
 
@@ -33,8 +34,34 @@ pub struct Truth {
     pub depth_unit_m: f64,
     /// Distance of the wall behind the blades.
     pub background_m: f64,
-    /// The blades, in a row from left to right.
+    /// The blades, in a row from left to right; of those in a hand what is seen above it, in the pose at
+    /// the hold's start.
     pub blades: Vec<TruthBlade>,
+    /// The hands that come and leave, in turn; none where the blades stand by themselves.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub visits: Vec<TruthVisit>,
+}
+
+/// A hand that comes, holds still and leaves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TruthVisit {
+    /// First frame that shows it, and the first after it that does not.
+    pub visible_frames: [usize; 2],
+    /// First frame of the hold, and the first of leaving.
+    pub held_frames: [usize; 2],
+    /// Its first blade among all, and the first behind them that is not its own.
+    pub blades: [usize; 2],
+    /// Its pose in each of the visible frames.
+    pub poses: Vec<TruthPose>,
+}
+
+/// Where a hand is in a frame: a point p of the pose at the hold's start is at rotation·p + translation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TruthPose {
+    /// Unit quaternion, x y z w.
+    pub rotation: [f64; 4],
+    /// Metres.
+    pub translation_m: [f64; 3],
 }
 
 /// A pinhole camera, pixels.
@@ -57,8 +84,12 @@ pub struct TruthBlade {
     pub shape: Shape,
     /// Arc length of its midrib.
     pub length_m: f64,
-    /// Its greatest width.
+    /// Its greatest width, both half widths together.
     pub max_width_m: f64,
+    /// Slope of a folded blade's halves: an edge lies `fold` times its half width behind the line along
+    /// `across`, at right angles to it and the midrib; before it where negative. 0 for a flat blade.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub fold: f64,
     /// [`TRUTH_KNOTS`] knots from root to tip at equal steps of arc length.
     pub knots: Vec<TruthKnot>,
 }
@@ -68,9 +99,9 @@ pub struct TruthBlade {
 pub struct TruthKnot {
     /// On the midrib.
     pub camera_m: [f64; 3],
-    /// Unit vector from the left edge to the right edge.
+    /// Unit vector from the left edge to the right edge, but for the fold.
     pub across: [f64; 3],
-    /// From the midrib to the left and the right edge.
+    /// From the midrib to the left and the right edge, along `across`.
     pub half_width_m: [f64; 2],
 }
 
@@ -90,6 +121,30 @@ impl Truth {
             depth_unit_m: DEPTH_UNIT_M,
             background_m: BACKGROUND_M,
             blades: scene.blades.iter().map(TruthBlade::of).collect(),
+            visits: clip
+                .visits()
+                .into_iter()
+                .enumerate()
+                .map(|(i, it)| TruthVisit::of(clip, i, &it))
+                .collect(),
+        }
+    }
+}
+
+impl TruthVisit {
+    fn of(clip: &Clip, index: usize, frames: &VisitFrames) -> Self {
+        let blades = &clip.scene().visits[index].blades;
+        let poses = frames.visible.clone().filter_map(|frame| clip.pose(index, frame));
+        Self {
+            visible_frames: [frames.visible.start, frames.visible.end],
+            held_frames: [frames.held.start, frames.held.end],
+            blades: [blades.start, blades.end],
+            poses: poses
+                .map(|pose| TruthPose {
+                    rotation: pose.rotation.to_array().map(rounded),
+                    translation_m: pose.translation.to_array().map(rounded),
+                })
+                .collect(),
         }
     }
 }
@@ -106,9 +161,14 @@ impl TruthBlade {
             shape: blade.shape,
             length_m: rounded(blade.length_m),
             max_width_m: rounded(blade.max_width_m),
+            fold: rounded(blade.fold),
             knots: knots.collect(),
         }
     }
+}
+
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
 }
 
 /// To 10⁻⁷, so that the file stays short.
