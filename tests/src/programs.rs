@@ -9,6 +9,8 @@ use std::sync::Once;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use rustix::process::{Pid, Signal, kill_process};
+
 use crate::root;
 
 /// How long a program may take before it counts as hung.
@@ -143,6 +145,12 @@ impl Running {
         self
     }
 
+    /// Asks it to end (SIGTERM).
+    pub fn terminate(&self) {
+        let id = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw).expect("a process has an id");
+        kill_process(id, Signal::TERM).expect("it has not been waited for");
+    }
+
     /// Kills it and waits for its end.
     pub fn kill(&mut self) {
         // It may have ended by itself: nothing to kill then.
@@ -196,6 +204,15 @@ mod tests {
     #[should_panic(expected = "does not answer")]
     fn a_program_that_ends_before_its_socket_answers_is_shown() {
         drop(shell("exit 1").wait_for_socket(Path::new("/no/such/socket")));
+    }
+
+    #[test]
+    fn a_program_that_is_asked_to_end_may_do_so_in_its_own_way() {
+        let mut running = shell("trap 'exit 5' TERM; echo ready; while :; do sleep 0.01; done");
+        std::thread::sleep(Duration::from_millis(200));
+        assert_eq!(running.ended(), None);
+        running.terminate();
+        assert_eq!(running.finish(DEADLINE).code, Some(5));
     }
 
     #[test]

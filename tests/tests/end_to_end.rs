@@ -10,7 +10,7 @@ use common::blade::check_knots;
 use common::library::library_hash;
 use serde_json::{Value, json};
 use tempfile::TempDir;
-use tests::programs::{Program, Running};
+use tests::programs::{DEADLINE, Program, Running};
 use tests::shipped_recording;
 use tests::station::Station;
 
@@ -133,6 +133,15 @@ fn a_library_that_was_received_outlives_the_daemon() {
     daemon.running.kill();
     assert_eq!(library_hash(library.bytes()), hash);
     assert!(library.blades().all(|blade| check_knots(&blade.knots()).is_ok()));
+}
+
+#[test]
+fn a_daemon_that_is_asked_to_end_ends_and_takes_its_socket_with_it() {
+    let Daemon { folder, running } = Daemon::on_two_visitors();
+    running.terminate();
+    let finished = running.finish(DEADLINE);
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    assert!(!folder.path().join("station.socket").exists());
 }
 
 #[test]

@@ -14,7 +14,17 @@ const HEIGHT: usize = 360;
 struct Screen {
     display: String,
     file: PathBuf,
-    _server: Running,
+    server: Running,
+}
+
+impl Drop for Screen {
+    /// A server that is killed leaves its socket and its lock behind.
+    fn drop(&mut self) {
+        if self.server.ended().is_none() {
+            self.server.terminate();
+            wait_for(DEADLINE, || self.server.ended());
+        }
+    }
 }
 
 impl Screen {
@@ -26,13 +36,15 @@ impl Screen {
         command.arg(folder);
         let server = Running::start(command);
         let server = server.wait_for_socket(Path::new(&format!("/tmp/.X11-unix/X{number}")));
-        Self { display: format!(":{number}"), file: folder.join("Xvfb_screen0"), _server: server }
+        let file = folder.join("Xvfb_screen0");
+        wait_for(DEADLINE, || file.exists().then_some(())).expect("the server keeps its screen in a file");
+        Self { display: format!(":{number}"), file, server }
     }
 
     /// What it shows, 4 bytes a pixel. The file is an XWD: big-endian numbers, the first the header's
     /// size, the 20th the number of colour map entries of 12 bytes each; then the pixels.
     fn pixels(&self) -> Vec<u8> {
-        let bytes = std::fs::read(&self.file).expect("the server keeps its screen in a file");
+        let bytes = std::fs::read(&self.file).expect("the file is readable");
         let number = |index: usize| {
             let bytes = bytes[4 * index..4 * index + 4].try_into().expect("4 bytes");
             u32::from_be_bytes(bytes) as usize

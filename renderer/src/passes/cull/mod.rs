@@ -99,7 +99,7 @@ pub(crate) fn kept(distance_m: f32) -> f32 {
 
 /// Each level's region of the instance buffer, as indices: large enough for whatever the eye sees.
 ///
-/// A level holds no tile farther than its end, and no tile more blades than [`kept`] of the ground
+/// A level holds no tile farther than its end, and no tile more blades than `kept` of the ground
 /// distance between the eye and the tile's nearest corner.
 pub fn regions() -> [Range<u32>; LEVELS.len()] {
     let mut start = 0;
