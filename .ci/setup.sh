@@ -4,6 +4,8 @@
 # installs and why, and uses sudo only where it is not root.
 
 set -u
+# The programs and the tests are looked for here, whatever the user's own cargo is set to.
+export CARGO_TARGET_DIR=$PWD/target
 rust_needed=$(sed -n 's/^rust-version *= *"\(.*\)"/\1/p' Cargo.toml)
 missing=()
 export PATH="$PATH:$HOME/.cargo/bin"
@@ -63,7 +65,11 @@ add_security_source() {
   grep -qx 'VERSION_CODENAME=bookworm' /etc/os-release && grep -qx 'ID=debian' /etc/os-release || return
   has_file "$list" && return
   say "adding Debian's bookworm-security to apt's sources ($list), for Rust $rust_needed or newer"
-  echo 'deb MIRROR/debian-security bookworm-security main' | as_root tee "$list" >/dev/null
+  # The mirror that the machine uses already.
+  local mirror
+  mirror=$(apt-get indextargets --format '$(SITE)' 'Release: bookworm' 2>/dev/null | sed -n 's,/debian/*$,,p' | head -n 1)
+  [ -n "$mirror" ] || return
+  echo "deb $mirror/debian-security bookworm-security main" | as_root tee "$list" >/dev/null
   as_root apt-get -qq update >&2
 }
 
@@ -79,7 +85,7 @@ install_missing() {
   as_root apt-get -qq update >&2 || say "apt-get update failed; going on with the lists that are there."
   if [[ " ${missing[*]} " == *" rustc-web "* ]] && ! apt_offers_rust; then
     add_security_source
-    apt_offers_rust || fail "No Rust $rust_needed or newer here, and apt offers none: install it from rustup and try again."
+    apt_offers_rust || fail "No Rust $rust_needed or newer here, and apt offers none: install it with rustup and try again."
   fi
   as_root env DEBIAN_FRONTEND=noninteractive \
     apt-get -qq -o Dpkg::Use-Pty=0 install -y --no-install-recommends "${missing[@]}" >/dev/null ||
@@ -94,7 +100,7 @@ need_build_tools() {
   if ! find_rust; then
     [ -n "$(command -v rustc)" ] && say "$(rustc --version 2>/dev/null) is here, $rust_needed is needed"
     command -v apt-get >/dev/null ||
-      fail "No Rust $rust_needed or newer here: install it from rustup and try again."
+      fail "No Rust $rust_needed or newer here: install it with rustup and try again."
     need rustc-web "the Rust compiler, $rust_needed or newer" false
     need cargo-web "Rust's build tool" false
   fi

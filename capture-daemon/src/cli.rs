@@ -20,14 +20,14 @@ pub enum Verb {
     ///
     /// Plays `source.recording` as its sensor and offers the library on `service.socket`.
     ///
-    /// Example: sward-capture run --set 'source.recording="recordings/row-1.mcap"'
+    /// Example: sward-capture run --set 'source.recording="recordings/row-3.mcap"'
     Run(ConfigArgs),
     /// Pass a recording through the pipeline of `run`, on the recording's own time
     ///
     /// Exit code 0: done, also when nothing was found; 2: bad arguments or configuration; 3: the
     /// recording is missing or not one frame of it can be read.
     ///
-    /// Example: sward-capture replay recordings/row-1.mcap --json --explain /tmp/steps
+    /// Example: sward-capture replay recordings/row-3.mcap --json --explain /tmp/steps
     Replay(ReplayArgs),
     /// Write synthetic recordings with their truth
     ///

@@ -1,13 +1,15 @@
 //! The daemon's configuration: TOML, every key known, in its type and range.
 
+use std::io::Read;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use crate::frame::CameraModel;
-use crate::pipeline::{AcceptParams, CameraPose, PipelineParams};
+use crate::frame::{CameraModel, CameraPose};
+use crate::pipeline::PipelineParams;
 use crate::session::SessionParams;
+use crate::stages::blade::AcceptParams;
 use crate::stages::mask::MaskParams;
 use crate::station::StationParams;
 
@@ -179,6 +181,9 @@ pub enum ConfigError {
     },
 }
 
+/// A configuration is no longer than this.
+const MAX_BYTES: u64 = 1 << 20;
+
 /// Reads a configuration: the file over the defaults, each `key=value` of `sets` over both.
 ///
 /// # Errors
@@ -190,7 +195,15 @@ pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError>
             path: path.display().to_string(),
             reason: reason.to_string(),
         };
-        let bytes = std::fs::read(path).map_err(unreadable)?;
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(path).map_err(unreadable)?;
+        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+        if bytes.len() as u64 > MAX_BYTES {
+            return Err(ConfigError::Invalid {
+                place: path.display().to_string(),
+                reason: format!("it is larger than {MAX_BYTES} bytes, expected a TOML file"),
+            });
+        }
         let text = String::from_utf8(bytes).map_err(|_| ConfigError::Invalid {
             place: path.display().to_string(),
             reason: "it is not UTF-8 text, expected a TOML file".to_owned(),
@@ -242,7 +255,13 @@ impl Document {
     }
 
     fn error(&self, error: &toml::de::Error) -> ConfigError {
-        let message = error.message().replace('\n', ", ").replace("unknown field", "unknown key");
+        let message = error
+            .message()
+            .replace('\n', ", ")
+            .replace("unknown field", "unknown key")
+            .replace("expected f64", "expected a number")
+            .replace("expected f32", "expected a number")
+            .replace("expected usize", "expected a whole number, 0 or more");
         let hint = match &self.origin {
             Origin::Set(_) if error.span().is_some() && !message.contains("unknown key") => {
                 " (--set takes key=value as TOML; text needs quotes: --set 'service.socket=\"/tmp/s\"')"
@@ -285,7 +304,7 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     fn within(key: &'static str, value: f64, range: RangeInclusive<f64>) -> Option<(&'static str, String)> {
         (!range.contains(&value)).then(|| (key, format!("{} to {}", range.start(), range.end())))
     }
-    let Config { source, camera, mask, capture, blade, refine, .. } = config;
+    let Config { source, camera, mask, capture, blade, refine, service } = config;
     let focal = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0..=100_000.0));
     let centre = |key, value: Option<f64>| value.and_then(|value| within(key, value, -10_000.0..=10_000.0));
     let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
@@ -294,7 +313,9 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     let empty_region = mask.roi.is_some_and(|[x0, y0, x1, y1]| x0 >= x1 || y0 >= y1);
     let region = || Some(("mask.roi", "[x0, y0, x1, y1] with x0 < x1 and y0 < y1".to_owned()));
     let order = || Some(("mask.far_m", format!("more than mask.near_m ({})", mask.near_m)));
+    let socket = || Some(("service.socket", "the path of a socket".to_owned()));
     within("source.rate", source.rate, 0.0..=1000.0)
+        .or_else(|| service.socket.as_os_str().is_empty().then(socket).flatten())
         .or_else(|| focal("camera.fx", camera.fx))
         .or_else(|| focal("camera.fy", camera.fy))
         .or_else(|| centre("camera.cx", camera.cx))

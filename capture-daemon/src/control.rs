@@ -59,8 +59,9 @@ impl Published {
 /// What the service tells its clients.
 #[derive(Clone, Debug)]
 pub(crate) struct Service {
-    /// The newest library.
-    pub(crate) library: watch::Receiver<Arc<Published>>,
+    /// The newest library; none before the first capture, so that a station that was started again
+    /// does not take its readers' meadow away.
+    pub(crate) library: watch::Receiver<Option<Arc<Published>>>,
     /// The newest status.
     pub(crate) status: watch::Receiver<Status>,
 }
@@ -79,8 +80,10 @@ impl Service {
         let Ok(after_generation) = u64::try_from(after) else {
             return (Err(StationError::InvalidGeneration { after }), Vec::new());
         };
-        let newer = self.library.wait_for(|library| library.generation > after_generation).await;
-        let Ok(library) = newer.map(|library| Arc::clone(&library)) else {
+        let newer = |library: &Option<Arc<Published>>| {
+            library.as_ref().is_some_and(|library| library.generation > after_generation)
+        };
+        let Ok(Some(library)) = self.library.wait_for(newer).await.map(|library| library.clone()) else {
             // The station is ending; so will this connection.
             return std::future::pending().await;
         };
@@ -114,7 +117,7 @@ pub(crate) enum BindError {
     },
     /// The system refused.
     #[error(
-        "{path}: the socket cannot be made: {source}; set service.socket to a path in a folder that you may write to"
+        "{path}: the socket cannot be made: {source}; set service.socket to a path where nothing is yet, in a folder that you may write to"
     )]
     Io {
         /// The socket.

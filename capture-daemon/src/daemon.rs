@@ -37,8 +37,6 @@ async fn serve(config: &Config) -> anyhow::Result<()> {
     let socket = Socket::bind(&config.service.socket).await?;
     // Grows across restarts as long as the clock does not step back by more than the station ran.
     let generation = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |now| now.as_micros() as u64);
-    let published =
-        Arc::new(Published::new(generation, &[]).context("the empty library cannot be published")?);
     let status = Status {
         state: "waiting".to_owned(),
         generation: generation.cast_signed(),
@@ -48,7 +46,7 @@ async fn serve(config: &Config) -> anyhow::Result<()> {
         skipped_frames: 0,
         source: source.as_ref().map_or_else(|| "none".to_owned(), |source| source.describe()),
     };
-    let (library, library_seen) = watch::channel(published);
+    let (library, library_seen) = watch::channel(None);
     let (status, status_seen) = watch::channel(status);
     tracing::info!(socket = %config.service.socket.display(), source = status.borrow().source, "ready");
     let (stop, stopped) = mpsc::channel::<()>();
@@ -93,7 +91,7 @@ struct Station {
     config: Config,
     blades: Vec<Blade>,
     generation: u64,
-    library: watch::Sender<Arc<Published>>,
+    library: watch::Sender<Option<Arc<Published>>>,
     status: watch::Sender<Status>,
 }
 
@@ -157,13 +155,15 @@ impl Station {
         }
         for captured in &captured {
             let (blade, quality) = (&captured.blade, &captured.quality);
-            let (length_mm, width_mm) = (blade.length_m() * 1e3, blade.max_width_m() * 1e3);
+            let [length_mm, width_mm] =
+                [blade.length_m(), blade.max_width_m()].map(|m| format!("{:.1}", m * 1e3));
+            let score = format!("{:.2}", quality.score);
             tracing::info!(
                 frame = capture.frame,
                 name = blade.name(),
                 length_mm,
                 width_mm,
-                quality = quality.score,
+                quality = score,
                 "captured"
             );
         }
@@ -188,7 +188,7 @@ impl Station {
                     status.generation = published.generation().cast_signed();
                     status.blades = published.blades() as i64;
                 });
-                self.library.send_replace(Arc::new(published));
+                self.library.send_replace(Some(Arc::new(published)));
             }
             Err(error) => tracing::error!(%error, "the library cannot be published; the last one stays"),
         }

@@ -81,7 +81,7 @@ impl Picture {
 
     /// What the capture shows, with a margin, as grey depth.
     fn of_depth(mask: &Mask) -> Self {
-        let bounds = mask.blobs.iter().map(|blob| blob.bounds);
+        let bounds = mask.blobs.regions.iter().map(|blob| blob.bounds);
         let union =
             |a: [usize; 4], b: [usize; 4]| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])];
         let [x0, y0, x1, y1] = bounds.reduce(union).unwrap_or(mask.region);
@@ -152,7 +152,7 @@ fn mask(capture: &Capture) -> Picture {
     for y in mask.region[1]..mask.region[3] {
         for x in mask.region[0]..mask.region[2] {
             let index = y * mask.width + x;
-            if let Some(blob) = usize::from(mask.labels[index]).checked_sub(1) {
+            if let Some(blob) = usize::from(mask.blobs.of[index]).checked_sub(1) {
                 let mut color = hue(blob);
                 color.set_alpha(0.25 + 0.75 * mask.occupancy[index]);
                 picture.pixel(x, y, color);

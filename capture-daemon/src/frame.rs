@@ -1,6 +1,6 @@
 //! A depth frame and the camera that took it.
 
-use glam::Vec3;
+use glam::{Mat3, Vec2, Vec3};
 
 /// Most pixels of a frame: 1280×1024.
 pub const MAX_PIXELS: usize = 1280 * 1024;
@@ -35,6 +35,29 @@ impl CameraModel {
     pub fn is_valid(&self) -> bool {
         let finite = [self.fx, self.fy, self.cx, self.cy].iter().all(|number| number.is_finite());
         finite && self.fx > 0.0 && self.fy > 0.0
+    }
+}
+
+/// How the camera stands against gravity.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct CameraPose {
+    /// How far it looks down, radians.
+    pub tilt_rad: f32,
+    /// How far it is turned clockwise about its own axis, radians.
+    pub roll_rad: f32,
+}
+
+impl CameraPose {
+    /// Rotation from the camera frame to the blade frame: +y up, +z horizontally towards the camera.
+    pub fn blade_from_camera(&self) -> Mat3 {
+        let level_from_camera = Mat3::from_rotation_x(-self.tilt_rad) * Mat3::from_rotation_z(self.roll_rad);
+        Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0)) * level_from_camera
+    }
+
+    /// Where gravity points in the image; unit vector (straight down for a camera that looks along
+    /// gravity).
+    pub fn down_in_image(&self) -> Vec2 {
+        (self.blade_from_camera().transpose() * Vec3::NEG_Y).truncate().normalize_or(Vec2::Y)
     }
 }
 

@@ -8,7 +8,10 @@ use capture_daemon::config::{self, Config, ConfigError};
 use capture_daemon::{daemon, recording, replay, synth};
 use clap::Parser;
 use clap::error::ErrorKind;
+use common::sentence::{complain, of_causes, of_paragraphs, print};
 
+/// How it calls itself.
+const PROGRAM: &str = "sward-capture";
 /// Anything that prevents running.
 const FAILED: u8 = 1;
 /// Bad arguments or configuration.
@@ -25,7 +28,7 @@ fn main() -> ExitCode {
     match perform(&cli.verb) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("sward-capture: {error:#}.");
+            complain(PROGRAM, &of_causes(error.chain()));
             ExitCode::from(exit_code(&error))
         }
     }
@@ -36,10 +39,11 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
         Verb::Run(args) => daemon::run(&load(args)?),
         Verb::Replay(args) => replay::replay(args, &load(&args.config)?),
         Verb::Synth(args) => {
+            let mut paths = String::new();
             for path in synth::run(args)? {
-                println!("{}", path.display());
+                paths += &format!("{}\n", path.display());
             }
-            Ok(())
+            Ok(print(&paths)?)
         }
         Verb::CheckConfig(args) => load(args).map(drop),
     }
@@ -62,19 +66,23 @@ fn exit_code(error: &anyhow::Error) -> u8 {
 /// One sentence for what clap says in a paragraph.
 fn refuse_arguments(error: &clap::Error) -> ExitCode {
     match error.kind() {
-        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
-            print!("{error}");
-            ExitCode::SUCCESS
-        }
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => match print(&error.to_string()) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(error) => {
+                complain(PROGRAM, &format!("{error}."));
+                ExitCode::from(FAILED)
+            }
+        },
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand => {
-            eprintln!(
-                "sward-capture: no verb was given, expected one such as run or replay; see sward-capture --help."
+            complain(
+                PROGRAM,
+                "no verb was given, expected one such as run or replay; see sward-capture --help.",
             );
             ExitCode::from(BAD_ARGUMENTS)
         }
         _ => {
-            let sentence = common::sentence::of_paragraphs(&error.to_string());
-            eprintln!("sward-capture: {sentence}; see sward-capture --help.");
+            let sentence = of_paragraphs(&error.to_string());
+            complain(PROGRAM, &format!("{sentence}; see sward-capture --help."));
             ExitCode::from(BAD_ARGUMENTS)
         }
     }

@@ -11,10 +11,10 @@ use serde_json::{Value, json};
 use crate::cli::ReplayArgs;
 use crate::config::Config;
 use crate::explain;
-use crate::pipeline::{CapturedBlade, Refusal};
 use crate::recording;
 use crate::session::{Capture, Session};
 use crate::source::{FrameSource, SourceError};
+use crate::stages::blade::{CapturedBlade, Refusal};
 
 /// Keeps to the recording's own time, at a rate.
 #[derive(Debug)]
@@ -60,6 +60,7 @@ pub fn replay(args: &ReplayArgs, config: &Config) -> anyhow::Result<()> {
     match play(source.as_mut(), args, config, &mut out) {
         // Who reads our output has seen enough.
         Err(error) if is_broken_pipe(&error) => Ok(()),
+        Err(error) if error.is::<io::Error>() => Err(error.context("stdout cannot be written")),
         result => result,
     }
 }

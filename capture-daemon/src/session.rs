@@ -3,7 +3,8 @@
 
 use crate::frame::DepthFrame;
 use crate::pipeline::{self, PipelineParams, Steps};
-use crate::stages::mask::{self, Accumulation};
+use crate::stages::accumulate::Accumulation;
+use crate::stages::mask;
 use crate::station::{self, Effect, State, StationParams};
 
 /// What a session is told.

@@ -144,6 +144,7 @@ pub struct Blade {
     name: String,
     knots: Vec<Knot>,
     length_m: f32,
+    max_width_m: f32,
     mix: f32,
     captured_unix_ns: u64,
     quality: f32,
@@ -173,8 +174,8 @@ pub enum BladeError {
 impl Blade {
     /// Makes a blade from knots in the blade frame.
     ///
-    /// `length_m`: arc length of the midrib before refinement (> 0); `quality`: 0..=1. The mix weight
-    /// starts at 1.
+    /// `size_m`: arc length of the midrib (> 0) and largest width (≥ 0), both before refinement, which
+    /// would take something off them; `quality`: 0..=1. The mix weight starts at 1.
     ///
     /// # Errors
     /// When the knots, the name or a number break an invariant.
@@ -182,7 +183,7 @@ impl Blade {
         id: BladeId,
         name: impl Into<String>,
         knots: Vec<Knot>,
-        length_m: f32,
+        size_m: [f32; 2],
         captured_unix_ns: u64,
         quality: f32,
     ) -> Result<Self, BladeError> {
@@ -191,13 +192,17 @@ impl Blade {
         if name.is_empty() || name.len() > MAX_NAME_BYTES || name.contains('\0') {
             return Err(BladeError::Name(name));
         }
+        let [length_m, max_width_m] = size_m;
+        if !(max_width_m.is_finite() && max_width_m >= 0.0) {
+            return Err(BladeError::Range { what: "max_width_m", value: max_width_m, expected: "0 or more" });
+        }
         if !(length_m.is_finite() && length_m > 0.0) {
             return Err(BladeError::Range { what: "length_m", value: length_m, expected: "more than 0" });
         }
         if !(0.0..=1.0).contains(&quality) {
             return Err(BladeError::Range { what: "quality", value: quality, expected: "0 to 1" });
         }
-        Ok(Self { id, name, knots, length_m, mix: 1.0, captured_unix_ns, quality })
+        Ok(Self { id, name, knots, length_m, max_width_m, mix: 1.0, captured_unix_ns, quality })
     }
 
     /// The same blade with another mix weight.
@@ -232,9 +237,9 @@ impl Blade {
         self.length_m
     }
 
-    /// The widest knot's width, metres.
+    /// Largest width before refinement, metres.
     pub fn max_width_m(&self) -> f32 {
-        self.knots.iter().map(Knot::width).fold(0.0, f32::max)
+        self.max_width_m
     }
 
     /// How often it stands in the meadow, relative to the others; ≥ 0.
@@ -300,7 +305,7 @@ mod tests {
 
     #[test]
     fn kind_follows_length_over_width() {
-        let blade = |length| Blade::new(BladeId([0; 16]), "a", straight(3), length, 0, 1.0);
+        let blade = |length| Blade::new(BladeId([0; 16]), "a", straight(3), [length, 0.005], 0, 1.0);
         assert_eq!(blade(0.1).expect("valid").kind(), Kind::Blade);
         assert_eq!(blade(0.02).expect("valid").kind(), Kind::Leaf);
     }

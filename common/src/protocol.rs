@@ -3,8 +3,6 @@
 use serde::{Deserialize, Serialize};
 use zlink_core::introspect;
 
-/// The interface's name.
-pub const INTERFACE: &str = "io.sward.Station";
 /// The interface in varlink's own language.
 pub const DEFINITION: &str = include_str!("io.sward.Station.varlink");
 /// Largest snapshot that a receiver accepts: header, 4096 records, 4096 × 64 knots.

@@ -1,5 +1,8 @@
 //! Errors are one sentence on stderr: what, where, what was expected, what to do.
 
+use std::error::Error;
+use std::io::{self, Write};
+
 /// What a parser of command lines says in paragraphs, as one sentence without its full stop: its
 /// usage and its pointers to the help are left out.
 pub fn of_paragraphs(text: &str) -> String {
@@ -7,6 +10,38 @@ pub fn of_paragraphs(text: &str) -> String {
     let said = paragraphs.filter(|part| !part.starts_with("Usage") && !part.starts_with("For more"));
     let words = said.collect::<Vec<_>>().join("; ");
     words.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// What went wrong and why, with its full stop: each cause of a chain of errors that the ones before
+/// it have not told already.
+pub fn of_causes<'a>(chain: impl Iterator<Item = &'a (dyn Error + 'static)>) -> String {
+    let mut sentence = String::new();
+    for cause in chain.map(ToString::to_string) {
+        if sentence.is_empty() {
+            sentence = cause;
+        } else if !sentence.contains(&cause) {
+            sentence = format!("{sentence}: {cause}");
+        }
+    }
+    format!("{}.", sentence.trim_end_matches('.'))
+}
+
+/// Says on stderr what is wrong; where that is closed too, the exit code has to do.
+pub fn complain(program: &str, sentence: &str) {
+    let _closed = writeln!(io::stderr(), "{program}: {sentence}");
+}
+
+/// Writes to stdout. Whoever closed it has seen enough.
+///
+/// # Errors
+/// When stdout cannot be written for another reason, such as a full disk.
+pub fn print(text: &str) -> io::Result<()> {
+    match io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(io::Error::new(error.kind(), format!("stdout cannot be written: {error}")))
+        }
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -19,5 +54,24 @@ mod tests {
             Usage: program --b\n\nFor more information, try '--help'.\n";
         let sentence = "unexpected argument '--a' found; tip: a similar argument exists: '--b'";
         assert_eq!(of_paragraphs(text), sentence);
+    }
+
+    #[test]
+    fn a_cause_that_was_told_is_not_told_again() {
+        #[derive(Debug, thiserror::Error)]
+        #[error("{told}")]
+        struct Link {
+            told: &'static str,
+            source: Option<Box<Link>>,
+        }
+        let link = |told, source| Link { told, source };
+        let last = link("no space", None);
+        let middle = link("cannot write: no space", Some(Box::new(last)));
+        let first = link("the clip is lost", Some(Box::new(middle)));
+        let chain = std::iter::successors(Some(&first as &(dyn Error + 'static)), |error| {
+            let error: &(dyn Error + 'static) = *error;
+            error.source()
+        });
+        assert_eq!(of_causes(chain), "the clip is lost: cannot write: no space.");
     }
 }

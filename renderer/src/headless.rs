@@ -102,6 +102,10 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
 pub fn read_library(path: &Path) -> anyhow::Result<Snapshot<Vec<u8>>> {
     let limit = common::protocol::MAX_SNAPSHOT_BYTES;
     let read = || -> std::io::Result<(u64, Vec<u8>)> {
+        // A pipe without a writer would never open.
+        if !std::fs::metadata(path)?.is_file() {
+            return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "it is not a regular file"));
+        }
         let mut file = std::fs::File::open(path)?;
         let size = file.metadata()?.len();
         let mut bytes = Vec::new();

@@ -4,10 +4,13 @@ use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use clap::Parser;
+use common::sentence::{complain, of_causes, of_paragraphs, print};
 use renderer::cli::Cli;
 use renderer::{app, headless};
 use tracing_subscriber::EnvFilter;
 
+/// How it calls itself.
+const PROGRAM: &str = "sward-render";
 /// Anything that prevents drawing.
 const FAILED: u8 = 1;
 /// Bad arguments.
@@ -17,13 +20,18 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => {
-            let sentence = common::sentence::of_paragraphs(&error.to_string());
-            eprintln!("sward-render: {sentence}; see sward-render --help.");
+            let sentence = of_paragraphs(&error.to_string());
+            complain(PROGRAM, &format!("{sentence}; see sward-render --help."));
             return ExitCode::from(BAD_ARGUMENTS);
         }
         Err(help) => {
-            print!("{help}");
-            return ExitCode::SUCCESS;
+            return match print(&help.to_string()) {
+                Ok(()) => ExitCode::SUCCESS,
+                Err(error) => {
+                    complain(PROGRAM, &format!("{error}."));
+                    ExitCode::from(FAILED)
+                }
+            };
         }
     };
     let filter = EnvFilter::try_from_env("SWARD_LOG")
@@ -37,7 +45,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("sward-render: {error:#}.");
+            complain(PROGRAM, &of_causes(error.chain()));
             ExitCode::from(FAILED)
         }
     }

@@ -34,7 +34,21 @@ impl Station {
     /// # Panics
     /// If the station hangs up, is silent for too long, or answers with something else than JSON.
     pub fn call(&mut self, method: &str, parameters: &Value) -> (Value, Vec<OwnedFd>) {
-        let call = json!({"method": format!("io.sward.Station.{method}"), "parameters": parameters});
+        self.ask(&format!("io.sward.Station.{method}"), parameters)
+    }
+
+    /// The interface as the station describes it, in varlink's own language.
+    ///
+    /// # Panics
+    /// If it does not describe it.
+    pub fn description(&mut self) -> String {
+        let parameters = json!({"interface": "io.sward.Station"});
+        let (reply, _) = self.ask("org.varlink.service.GetInterfaceDescription", &parameters);
+        reply["parameters"]["description"].as_str().expect("a description").to_owned()
+    }
+
+    fn ask(&mut self, method: &str, parameters: &Value) -> (Value, Vec<OwnedFd>) {
+        let call = json!({"method": method, "parameters": parameters});
         let mut bytes = call.to_string().into_bytes();
         bytes.push(0);
         self.0.write_all(&bytes).expect("the station reads");

@@ -233,3 +233,14 @@ fn nothing_else_stands_at_the_top() {
     assert_eq!(names.find(|name| !known(name)), None);
     assert!(!known("docs") && !known("src"));
 }
+
+#[test]
+fn what_the_readme_names_is_there() {
+    let readme = std::fs::read_to_string(root().join("README.md")).expect("a README");
+    let words = readme.split(|c: char| c.is_whitespace() || "()[]`|'\"".contains(c));
+    let tops = ["recordings/", "capture-daemon/", "renderer/", "common/", "tests/", "systemd/"];
+    let named: Vec<&str> = words.filter(|word| tops.iter().any(|top| word.starts_with(top))).collect();
+    assert!(named.len() > 8, "{named:?}");
+    let missing: Vec<&&str> = named.iter().filter(|path| !root().join(path).exists()).collect();
+    assert!(missing.is_empty(), "the README names {missing:?}");
+}

@@ -37,7 +37,8 @@ fn library() -> Vec<u8> {
             })
             .collect();
         let id = BladeId::of(7, index as u32, &knots);
-        Blade::new(id, "g".repeat(*length), knots, 0.05 * (index + 1) as f32, 7, 0.9).expect("a valid blade")
+        Blade::new(id, "g".repeat(*length), knots, [0.05 * (index + 1) as f32, 0.01], 7, 0.9)
+            .expect("a valid blade")
     });
     encode(3, &blades.collect::<Vec<_>>()).expect("few blades")
 }

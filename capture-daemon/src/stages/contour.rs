@@ -2,27 +2,27 @@
 
 use glam::Vec2;
 
-use super::mask::{Blob, Mask};
+use super::mask::{Labels, Mask, Region};
 
-/// The outer border of one blob.
+/// The outer border of one region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
-    /// The blob's label in the mask.
+    /// The region's label.
     pub label: u16,
     /// A closed polyline in image pixels (x right, y down, pixel centres at integers), the first
     /// point not repeated; the blob lies to its right as the image is seen (clockwise).
     pub points: Vec<Vec2>,
 }
 
-/// Traces the outer border of every blob where its occupancy passes one half. Holes are left out.
-/// O(pixels of the blobs' bounding boxes).
+/// Traces the outer border of every region where its occupancy passes one half. Holes are left out.
+/// O(pixels of the regions' bounding boxes).
 ///
 /// # Source
 /// Fan & Sheng §4.1 masks by depth and takes the blob's edge; the edge below a pixel by marching
 /// squares (Lorensen & Cline's in the plane) on the occupancy over the held frames is ours. In
 /// ambiguous cells diagonal pixels are connected, as they are in the mask.
-pub fn trace(mask: &Mask) -> Vec<Outline> {
-    mask.blobs.iter().filter_map(|blob| outer_border(mask, blob)).collect()
+pub fn trace(mask: &Mask, labels: &Labels) -> Vec<Outline> {
+    labels.regions.iter().filter_map(|region| outer_border(mask, labels, region)).collect()
 }
 
 const LEVEL: f32 = 0.5;
@@ -31,6 +31,7 @@ const LEVEL: f32 = 0.5;
 /// one pixel, linked into loops.
 struct Grid<'a> {
     mask: &'a Mask,
+    labels: &'a Labels,
     label: u16,
     /// Image position of the grid's first node.
     origin: [isize; 2],
@@ -43,7 +44,7 @@ impl Grid<'_> {
         let (x, y) = (self.origin[0] + column as isize, self.origin[1] + row as isize);
         let inside = x >= 0 && y >= 0 && x < self.mask.width as isize && y < self.mask.height as isize;
         let index = if inside { y as usize * self.mask.width + x as usize } else { return 0.0 };
-        if self.mask.labels[index] == self.label { self.mask.occupancy[index] } else { 0.0 }
+        if self.labels.of[index] == self.label { self.mask.occupancy[index] } else { 0.0 }
     }
 
     /// Edge from a node to its right (`down`: lower) neighbour.
@@ -105,11 +106,12 @@ impl Grid<'_> {
     }
 }
 
-fn outer_border(mask: &Mask, blob: &Blob) -> Option<Outline> {
-    let [x0, y0, x1, y1] = blob.bounds;
+fn outer_border(mask: &Mask, labels: &Labels, region: &Region) -> Option<Outline> {
+    let [x0, y0, x1, y1] = region.bounds;
     let grid = Grid {
         mask,
-        label: blob.label,
+        labels,
+        label: region.label,
         origin: [x0 as isize - 1, y0 as isize - 1],
         columns: x1 - x0 + 2,
         rows: y1 - y0 + 2,
@@ -128,7 +130,7 @@ fn outer_border(mask: &Mask, blob: &Blob) -> Option<Outline> {
             longest = Some((area.abs(), points));
         }
     }
-    longest.map(|(_, points)| Outline { label: blob.label, points })
+    longest.map(|(_, points)| Outline { label: region.label, points })
 }
 
 /// Twice the enclosed area would be the cross sum; positive for clockwise loops as the image is seen.
@@ -152,15 +154,28 @@ mod tests {
             region: [0, 0, width, height],
             frames: 8,
             depth_m: vec![0.5; occupancy.len()],
-            labels: occupancy.iter().map(|o| u16::from(*o > 0.0)).collect(),
+            unseen: vec![false; occupancy.len()],
+            depth_noise_m: 0.0,
+            blobs: one_region(&occupancy, width, height),
+            pieces: one_region(&occupancy, width, height),
             occupancy,
-            blobs: vec![Blob { label: 1, area_px: 1, bounds: [0, 0, width, height] }],
         }
+    }
+
+    fn one_region(occupancy: &[f32], width: usize, height: usize) -> Labels {
+        Labels {
+            of: occupancy.iter().map(|o| u16::from(*o > 0.0)).collect(),
+            regions: vec![Region { label: 1, area_px: 1, bounds: [0, 0, width, height] }],
+        }
+    }
+
+    fn traced(mask: &Mask) -> Vec<Outline> {
+        trace(mask, &mask.blobs)
     }
 
     #[test]
     fn a_rectangle_has_its_area_and_runs_clockwise() {
-        let outlines = trace(&mask(&["00000", "08880", "08880", "00000"]));
+        let outlines = traced(&mask(&["00000", "08880", "08880", "00000"]));
         let [outline] = outlines.as_slice() else { panic!("{outlines:?}") };
         // 3×2 pixels, corners cut at half a pixel.
         assert!((signed_area(&outline.points) - (6.0 - 0.5)).abs() < 1e-4, "{outline:?}");
@@ -170,7 +185,7 @@ mod tests {
     fn partial_occupancy_moves_the_edge_below_a_pixel() {
         let edge = |fringe: &str| {
             let rows = [fringe; 7];
-            let outlines = trace(&mask(&rows));
+            let outlines = traced(&mask(&rows));
             outlines[0].points.iter().map(|p| p.x).fold(f32::NEG_INFINITY, f32::max)
         };
         assert!((edge("88800") - 2.5).abs() < 1e-5);
@@ -179,14 +194,14 @@ mod tests {
 
     #[test]
     fn blobs_at_the_border_are_closed_and_holes_are_left_out() {
-        let outlines = trace(&mask(&["888", "808", "888"]));
+        let outlines = traced(&mask(&["888", "808", "888"]));
         assert!((signed_area(&outlines[0].points) - 8.5).abs() < 1.0, "{outlines:?}");
         assert!(outlines[0].points.iter().all(|p| p.x < 0.0 || p.y < 0.0 || p.x > 2.0 || p.y > 2.0));
     }
 
     #[test]
     fn diagonal_pixels_are_one_outline() {
-        let outlines = trace(&mask(&["0000", "0800", "0080", "0000"]));
+        let outlines = traced(&mask(&["0000", "0800", "0080", "0000"]));
         assert!(signed_area(&outlines[0].points) > 1.0, "both pixels: {outlines:?}");
     }
 }

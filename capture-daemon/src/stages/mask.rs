@@ -1,6 +1,7 @@
 //! Depth frames → what is held before the camera: occupancy and depth of each pixel, and the
 //! connected blobs in it.
 
+use super::accumulate::Accumulation;
 use crate::frame::DepthFrame;
 
 /// What counts as held before the camera.
@@ -20,7 +21,7 @@ pub struct MaskParams {
 
 impl Default for MaskParams {
     fn default() -> Self {
-        Self { near_m: 0.3, far_m: 0.9, roi: None, min_area_px: 60, bridge_px: 4 }
+        Self { near_m: 0.3, far_m: 0.9, roi: None, min_area_px: 40, bridge_px: 4 }
     }
 }
 
@@ -33,7 +34,7 @@ impl MaskParams {
     }
 
     /// The readings of `frame` that count: 1 for the nearest to `counts` for the farthest.
-    fn window(&self, frame: &DepthFrame) -> std::ops::RangeInclusive<u16> {
+    pub(super) fn window(&self, frame: &DepthFrame) -> std::ops::RangeInclusive<u16> {
         let counts = |metres: f64| metres / frame.depth_unit_m;
         // `as` saturates; 0 is no reading and never counts.
         (counts(self.near_m).ceil() as u16).max(1)..=counts(self.far_m).floor() as u16
@@ -71,72 +72,49 @@ pub fn presence(frame: &DepthFrame, params: &MaskParams) -> Presence {
     Presence { area_px: area, centroid_px: [mean(sum_x), mean(sum_y)] }
 }
 
-/// Frames added up while what is held stands still.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Accumulation {
-    width: usize,
-    height: usize,
-    frames: u32,
-    /// Frames in which the pixel was within the window.
-    hits: Vec<u16>,
-    /// Frames in which the pixel had no reading.
-    silent: Vec<u16>,
-    /// Sum of the depths within the window, metres.
-    depth_sum_m: Vec<f32>,
+/// Which region each pixel belongs to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Labels {
+    /// Row-major like the mask; 0 for none.
+    pub of: Vec<u16>,
+    /// The regions.
+    pub regions: Vec<Region>,
 }
 
-impl Accumulation {
-    /// Nothing yet, for frames of the size of `frame`.
-    pub fn like(frame: &DepthFrame) -> Self {
-        let pixels = frame.width * frame.height;
-        Self {
-            width: frame.width,
-            height: frame.height,
-            frames: 0,
-            hits: vec![0; pixels],
-            silent: vec![0; pixels],
-            depth_sum_m: vec![0.0; pixels],
+impl Labels {
+    fn none(pixels: usize) -> Self {
+        Self { of: vec![0; pixels], regions: Vec::new() }
+    }
+
+    /// Gives the pixels of each component the next label.
+    fn number(&mut self, components: &[Vec<u32>]) {
+        for (pixels, label) in components.iter().zip(1..=u16::MAX) {
+            for index in pixels {
+                self.of[*index as usize] = label;
+            }
+            let bounds = [usize::MAX, usize::MAX, 0, 0];
+            self.regions.push(Region { label, area_px: pixels.len(), bounds });
         }
     }
 
-    /// Forgets all frames but keeps the memory.
-    pub fn clear(&mut self) {
-        self.frames = 0;
-        self.hits.fill(0);
-        self.silent.fill(0);
-        self.depth_sum_m.fill(0.0);
-    }
-
-    /// Whether `frame` has the size of the frames before it.
-    pub fn fits(&self, frame: &DepthFrame) -> bool {
-        (self.width, self.height) == (frame.width, frame.height)
-    }
-
-    /// Frames added so far.
-    pub fn frames(&self) -> u32 {
-        self.frames
-    }
-
-    /// Adds a frame of the same size. After 65,535 frames further ones are left out. O(pixels of the
-    /// region).
-    pub fn add(&mut self, frame: &DepthFrame, params: &MaskParams) {
-        if self.frames == u32::from(u16::MAX) {
-            return;
-        }
-        self.frames += 1;
-        let window = params.window(frame);
-        let unit = frame.depth_unit_m as f32;
-        let [x0, y0, x1, y1] = params.region(self.width, self.height);
-        for y in y0..y1 {
-            let row = y * self.width + x0..y * self.width + x1;
-            let counters = self.hits[row.clone()].iter_mut().zip(&mut self.silent[row.clone()]);
-            let sums = self.depth_sum_m[row.clone()].iter_mut();
-            for ((counts, (hits, silent)), sum) in frame.depth[row].iter().zip(counters).zip(sums) {
-                if window.contains(counts) {
-                    *hits += 1;
-                    *sum += f32::from(*counts) * unit;
-                } else if *counts == 0 {
-                    *silent += 1;
+    /// Lets the regions grow into neighbours that are seldom occupied, and finds their bounds.
+    fn grow_fringes(&mut self, width: usize, region: [usize; 4], occupancy: &[f32], depth_m: &[f32]) {
+        let [x0, y0, x1, y1] = region;
+        let inside = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).map(|(x, y)| y * width + x);
+        let mut front: Vec<usize> = inside.filter(|index| self.of[*index] != 0).collect();
+        let mut next = 0;
+        while next < front.len() {
+            let index = front[next];
+            next += 1;
+            let label = self.of[index];
+            let bounds = &mut self.regions[usize::from(label) - 1].bounds;
+            let (x, y) = (index % width, index / width);
+            *bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x + 1), bounds[3].max(y + 1)];
+            for other in neighbours(index, width, region) {
+                let seldom = (FRINGE_OCCUPANCY..BODY_OCCUPANCY).contains(&occupancy[other]);
+                if self.of[other] == 0 && seldom && agree(depth_m[index], depth_m[other]) {
+                    self.of[other] = label;
+                    front.push(other);
                 }
             }
         }
@@ -145,8 +123,8 @@ impl Accumulation {
 
 /// A connected region of the mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Blob {
-    /// Its value in [`Mask::labels`], from 1.
+pub struct Region {
+    /// Its value in [`Labels::of`], from 1.
     pub label: u16,
     /// Pixels that are occupied at least half of the time.
     pub area_px: usize,
@@ -167,28 +145,29 @@ pub struct Mask {
     pub frames: u32,
     /// Share of the frames in which the pixel was within the window, 0..=1; 1 where bridged.
     pub occupancy: Vec<f32>,
+    /// Whether nothing could be seen there in most of the frames.
+    pub unseen: Vec<bool>,
     /// Mean depth, metres; 0 where there is none.
     pub depth_m: Vec<f32>,
-    /// The blob that the pixel belongs to; 0 for none.
-    pub labels: Vec<u16>,
-    /// The blobs, from the largest to the smallest.
-    pub blobs: Vec<Blob>,
+    /// Noise of that mean, metres, one standard deviation.
+    pub depth_noise_m: f32,
+    /// Connected regions, from the largest to the smallest.
+    pub blobs: Labels,
+    /// Parts of blobs without a step in depth.
+    pub pieces: Labels,
 }
 
 impl Mask {
-    /// Occupancy of blob `label` at a point between pixel centres, bilinear; 0 outside of the image
-    /// and on other blobs.
-    pub fn occupancy_at(&self, label: u16, point: glam::Vec2) -> f32 {
-        let (x0, y0) = (point.x.floor(), point.y.floor());
-        let (fx, fy) = (point.x - x0, point.y - y0);
-        let at = |x: f32, y: f32| {
-            let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
-            let index = if inside { y as usize * self.width + x as usize } else { return 0.0 };
-            if self.labels[index] == label { self.occupancy[index] } else { 0.0 }
-        };
-        let upper = at(x0, y0) * (1.0 - fx) + at(x0 + 1.0, y0) * fx;
-        let lower = at(x0, y0 + 1.0) * (1.0 - fx) + at(x0 + 1.0, y0 + 1.0) * fx;
-        upper * (1.0 - fy) + lower * fy
+    /// The pixel that holds a point; `None` outside of the image.
+    pub fn index_at(&self, point: glam::Vec2) -> Option<usize> {
+        let (x, y) = ((point.x + 0.5).floor(), (point.y + 0.5).floor());
+        let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
+        inside.then(|| y as usize * self.width + x as usize)
+    }
+
+    /// The centre of a pixel.
+    pub fn pixel(&self, index: usize) -> glam::Vec2 {
+        glam::Vec2::new((index % self.width) as f32, (index / self.width) as f32)
     }
 }
 
@@ -208,21 +187,26 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
     let (width, height) = (accumulation.width, accumulation.height);
     let frames = accumulation.frames.max(1) as f32;
     let occupancy: Vec<f32> = accumulation.hits.iter().map(|hits| f32::from(*hits) / frames).collect();
-    let mean = |(sum, hits): (&f32, &u16)| if *hits > 0 { sum / f32::from(*hits) } else { 0.0 };
-    let depth_m = accumulation.depth_sum_m.iter().zip(&accumulation.hits).map(mean).collect();
+    let depth_m = (0..occupancy.len()).map(|index| accumulation.mean_m(index)).collect();
+    let unseen = accumulation.silent.iter().map(|silent| f32::from(*silent) > 0.5 * frames).collect();
     let mut mask = Mask {
         width,
         height,
         region: params.region(width, height),
         frames: accumulation.frames,
         occupancy,
+        unseen,
         depth_m,
-        labels: vec![0; width * height],
-        blobs: Vec::new(),
+        depth_noise_m: 0.0,
+        blobs: Labels::none(width * height),
+        pieces: Labels::none(width * height),
     };
-    bridge_gaps(&mut mask, &accumulation.silent, params.bridge_px);
+    bridge_gaps(&mut mask, params.bridge_px);
     label_bodies(&mut mask, params.min_area_px);
-    grow_fringes(&mut mask);
+    mask.depth_noise_m = depth_noise_m(&mask);
+    label_pieces(&mut mask, accumulation);
+    mask.blobs.grow_fringes(mask.width, mask.region, &mask.occupancy, &mask.depth_m);
+    mask.pieces.grow_fringes(mask.width, mask.region, &mask.occupancy, &mask.depth_m);
     mask
 }
 
@@ -236,12 +220,11 @@ fn agree(a: f32, b: f32) -> bool {
     (a - b).abs() <= depth_step_m(a.min(b))
 }
 
-fn bridge_gaps(mask: &mut Mask, silent: &[u16], longest: usize) {
+fn bridge_gaps(mask: &mut Mask, longest: usize) {
     let [x0, y0, x1, y1] = mask.region;
-    let (width, frames) = (mask.width, mask.frames as f32);
+    let width = mask.width;
     let occupied = |index: usize| mask.occupancy[index] >= BODY_OCCUPANCY;
-    // Silent in so many frames that it cannot be seen whether something is there.
-    let unseen = |index: usize| f32::from(silent[index]) > 0.5 * frames && !occupied(index);
+    let unseen = |index: usize| mask.unseen[index] && !occupied(index);
     let mut filled = Vec::new();
     for (dx, dy) in [(1_isize, 0_isize), (0, 1), (1, 1), (-1, 1)] {
         for y in y0..y1 {
@@ -279,12 +262,18 @@ fn neighbours(index: usize, width: usize, region: [usize; 4]) -> impl Iterator<I
         .filter(move |other| *other != index)
 }
 
-fn label_bodies(mask: &mut Mask, min_area_px: usize) {
+/// Connected components of the pixels of the region that `admits` lets in, over those neighbours that
+/// are `connected`; in the order of their first pixels.
+fn components(
+    mask: &Mask,
+    admits: impl Fn(usize) -> bool,
+    connected: impl Fn(usize, usize) -> bool,
+) -> Vec<Vec<u32>> {
     let [x0, y0, x1, y1] = mask.region;
-    let mut found: Vec<Vec<u32>> = Vec::new();
-    let mut visited = vec![false; mask.labels.len()];
+    let mut found = Vec::new();
+    let mut visited = vec![false; mask.blobs.of.len()];
     for start in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).map(|(x, y)| y * mask.width + x) {
-        if visited[start] || mask.occupancy[start] < BODY_OCCUPANCY {
+        if visited[start] || !admits(start) {
             continue;
         }
         visited[start] = true;
@@ -294,48 +283,73 @@ fn label_bodies(mask: &mut Mask, min_area_px: usize) {
             let index = pixels[next] as usize;
             next += 1;
             for other in neighbours(index, mask.width, mask.region) {
-                let body = !visited[other] && mask.occupancy[other] >= BODY_OCCUPANCY;
-                if body && agree(mask.depth_m[index], mask.depth_m[other]) {
+                if !visited[other] && admits(other) && connected(index, other) {
                     visited[other] = true;
                     pixels.push(other as u32);
                 }
             }
         }
-        if pixels.len() >= min_area_px {
-            found.push(pixels);
-        }
+        found.push(pixels);
     }
-    found.sort_by_key(|pixels| (std::cmp::Reverse(pixels.len()), pixels[0]));
-    found.truncate(usize::from(u16::MAX));
-    for (pixels, label) in found.iter().zip(1..) {
-        for index in pixels {
-            mask.labels[*index as usize] = label;
-        }
-        mask.blobs.push(Blob { label, area_px: pixels.len(), bounds: [usize::MAX, usize::MAX, 0, 0] });
-    }
+    found
 }
 
-fn grow_fringes(mask: &mut Mask) {
-    let [x0, y0, x1, y1] = mask.region;
-    let inside = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).map(|(x, y)| y * mask.width + x);
-    let mut front: Vec<usize> = inside.filter(|index| mask.labels[*index] != 0).collect();
-    let mut next = 0;
-    while next < front.len() {
-        let index = front[next];
-        next += 1;
-        let label = mask.labels[index];
-        let bounds = &mut mask.blobs[usize::from(label) - 1].bounds;
-        let (x, y) = (index % mask.width, index / mask.width);
-        *bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x + 1), bounds[3].max(y + 1)];
-        for other in neighbours(index, mask.width, mask.region) {
-            let occupancy = mask.occupancy[other];
-            let fringe = mask.labels[other] == 0 && (FRINGE_OCCUPANCY..BODY_OCCUPANCY).contains(&occupancy);
-            if fringe && agree(mask.depth_m[index], mask.depth_m[other]) {
-                mask.labels[other] = label;
-                front.push(other);
-            }
-        }
+fn label_bodies(mask: &mut Mask, min_area_px: usize) {
+    let body = |index: usize| mask.occupancy[index] >= BODY_OCCUPANCY;
+    let surface = |a: usize, b: usize| agree(mask.depth_m[a], mask.depth_m[b]);
+    let mut found = components(mask, body, surface);
+    found.retain(|pixels| pixels.len() >= min_area_px);
+    found.sort_by_key(|pixels| (std::cmp::Reverse(pixels.len()), pixels[0]));
+    mask.blobs.number(&found);
+}
+
+/// Noise of the mean depth, metres: from the bend of depth over three neighbouring pixels, whose
+/// variance is 1.5 times that of one pixel. A surface's own curvature is far smaller.
+fn depth_noise_m(mask: &Mask) -> f32 {
+    let mut bends: Vec<f32> = (1..mask.blobs.of.len().saturating_sub(1))
+        .filter(|i| {
+            mask.blobs.of[*i] != 0
+                && mask.blobs.of[i - 1] == mask.blobs.of[*i]
+                && mask.blobs.of[i + 1] == mask.blobs.of[*i]
+        })
+        .map(|i| (mask.depth_m[i] - 0.5 * (mask.depth_m[i - 1] + mask.depth_m[i + 1])).abs())
+        .collect();
+    if bends.is_empty() {
+        return 0.0;
     }
+    let middle = bends.len() / 2;
+    let (_, median, _) = bends.select_nth_unstable_by(middle, f32::total_cmp);
+    *median / 0.6745 / 1.5_f32.sqrt()
+}
+
+/// Smallest step in depth that divides a blob, metres.
+pub fn fine_step_m(noise_m: f32) -> f32 {
+    (6.0 * noise_m).clamp(0.0025, 0.012)
+}
+
+/// Pieces smaller than this are the crumbs of an edge, pixels.
+const MIN_PIECE_PX: usize = 24;
+
+fn label_pieces(mask: &mut Mask, accumulation: &Accumulation) {
+    let step = fine_step_m(mask.depth_noise_m);
+    // A pixel that showed one surface in some frames and another in others has a mean between both.
+    let spreads: Vec<f32> = (0..mask.blobs.of.len())
+        .map(|i| if mask.blobs.of[i] != 0 { accumulation.spread_m(i) } else { 0.0 })
+        .collect();
+    let mut typical: Vec<f32> = spreads.iter().copied().filter(|spread| *spread > 0.0).collect();
+    let middle = typical.len() / 2;
+    let limit = if mask.frames >= 4 && !typical.is_empty() {
+        2.2 * *typical.select_nth_unstable_by(middle, f32::total_cmp).1
+    } else {
+        f32::INFINITY
+    };
+    let clean = |index: usize| mask.blobs.of[index] != 0 && spreads[index] <= limit;
+    let same = |a: usize, b: usize| {
+        mask.blobs.of[a] == mask.blobs.of[b] && (mask.depth_m[a] - mask.depth_m[b]).abs() <= step
+    };
+    let mut found = components(mask, clean, same);
+    found.retain(|pixels| pixels.len() >= MIN_PIECE_PX);
+    mask.pieces.number(&found);
 }
 
 #[cfg(test)]
@@ -367,7 +381,8 @@ mod tests {
     fn check(rows: &[&str], min_area_px: usize, bridge_px: usize, expected: &[&str]) {
         let mask = mask(rows, min_area_px, bridge_px);
         let drawn: Vec<String> = mask
-            .labels
+            .blobs
+            .of
             .chunks(mask.width)
             .map(|row| row.iter().map(|label| char::from(b'0' + *label as u8)).collect())
             .collect();
@@ -416,13 +431,13 @@ mod tests {
         let mask = extract(&accumulation, &params);
         assert_eq!(mask.occupancy, [0.5]);
         assert!((mask.depth_m[0] - 0.45).abs() < 1e-6);
-        assert_eq!(mask.blobs, [Blob { label: 1, area_px: 1, bounds: [0, 0, 1, 1] }]);
+        assert_eq!(mask.blobs.regions, [Region { label: 1, area_px: 1, bounds: [0, 0, 1, 1] }]);
     }
 
     #[test]
     fn no_frames_give_an_empty_mask() {
         let params = MaskParams::default();
         let empty = extract(&Accumulation::like(&frame(&["44"])), &params);
-        assert!(empty.blobs.is_empty());
+        assert!(empty.blobs.regions.is_empty());
     }
 }

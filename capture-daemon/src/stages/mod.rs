@@ -3,8 +3,13 @@
 //! Invariant: a stage knows no clock, device, file, thread or log. The same input gives the same
 //! bits.
 
+pub mod accumulate;
+pub mod blade;
 pub mod contour;
+mod join;
 pub mod lift;
 pub mod mask;
 pub mod partition;
+pub mod ribbon;
+pub mod section;
 pub mod skeleton;

@@ -7,7 +7,7 @@ use common::geometry::polyline;
 use glam::Vec2;
 
 use super::contour::Outline;
-use super::mask::Mask;
+use super::mask::{Labels, Mask};
 
 /// How outlines are divided.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,27 +65,10 @@ impl Part {
 /// Fan & Sheng §4.2. Departures: distance is measured within the blob from the root rather than
 /// straight from the contour's centre, which finds the right number of blades only where the centre
 /// is the hub; extrema count by their persistence; a blade is cut at its inner gap, straight across.
-pub fn flow(mask: &Mask, outline: &Outline, params: &PartitionParams) -> Vec<Part> {
-    let perimeter = polyline::length(&outline.points);
-    let count = perimeter.round() as usize;
-    if count < 12 {
+pub fn flow(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionParams) -> Vec<Part> {
+    let Some(points) = evenly(outline) else { return Vec::new() };
+    let Some((Walk { points, flow, tips }, _)) = walk(mask, labels, outline.label, &points, params) else {
         return Vec::new();
-    }
-    let mut closed = outline.points.clone();
-    closed.push(closed[0]);
-    let mut points = polyline::resample(&closed, count + 1);
-    points.pop();
-    let Some(blob) = Blob::of(mask, outline.label) else { return Vec::new() };
-    let walk = |roots: &[usize]| Walk::from_root(&points, &blob.distance_from(roots), params);
-    // The end of a single blade need not be its lowest pixel: it can sag between its ends. The ends
-    // of a tuft are two of its tips: its root is what is lowest.
-    let border = blob.longest_border_run(mask.region);
-    let Walk { points, flow, tips } = if border.len() >= MIN_BORDER_PX {
-        walk(&border)
-    } else {
-        let Some(lowest) = blob.lowest(params.down) else { return Vec::new() };
-        let single = walk(&[blob.lower_end(lowest, params.down)]);
-        if single.tips.len() > 1 { walk(&[lowest]) } else { single }
     };
     let mut gaps = vec![0];
     gaps.extend(tips.windows(2).map(|pair| argmin(&flow, pair[0]..pair[1])));
@@ -103,6 +86,49 @@ pub fn flow(mask: &Mask, outline: &Outline, params: &PartitionParams) -> Vec<Par
         Part { label, left: side(before..=*tip), right, cut: tips.len() > 1 }
     };
     tips.iter().enumerate().map(blade).collect()
+}
+
+/// Distance from its root to each pixel of the region behind an outline.
+pub fn root_distance(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionParams) -> Field {
+    let walked = evenly(outline).and_then(|points| walk(mask, labels, outline.label, &points, params));
+    walked.map_or(Field { bounds: [0; 4], twelfths: Vec::new() }, |(_, field)| field)
+}
+
+/// The outline at points one pixel apart; `None` if it is too short to be a blade's.
+fn evenly(outline: &Outline) -> Option<Vec<Vec2>> {
+    let mut closed = outline.points.clone();
+    closed.push(closed[0]);
+    let count = polyline::length(&closed).round() as usize;
+    if count < 12 {
+        return None;
+    }
+    let mut points = polyline::resample(&closed, count + 1);
+    points.pop();
+    Some(points)
+}
+
+/// Walks an outline from its root.
+fn walk(
+    mask: &Mask,
+    labels: &Labels,
+    label: u16,
+    points: &[Vec2],
+    params: &PartitionParams,
+) -> Option<(Walk, Field)> {
+    let blob = Blob::of(mask, labels, label)?;
+    let walk = |roots: &[usize]| {
+        let field = blob.distance_from(roots);
+        (Walk::from_root(points, &field, params), field)
+    };
+    // The end of a single blade need not be its lowest pixel: it can sag between its ends. The ends
+    // of a tuft are two of its tips: its root is what is lowest.
+    let border = blob.longest_border_run(mask.region);
+    if border.len() >= MIN_BORDER_PX {
+        return Some(walk(&border));
+    }
+    let lowest = blob.lowest(params.down)?;
+    let single = walk(&[blob.lower_end(lowest, params.down)]);
+    Some(if single.0.tips.len() > 1 { walk(&[lowest]) } else { single })
 }
 
 /// Moves the outer of the two gaps of a blade to where the cut from the inner one is shortest.
@@ -218,15 +244,16 @@ struct Blob {
 }
 
 /// Distance from the root to each body pixel of a blob, within the blob.
-struct Field {
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
     bounds: [usize; 4],
     /// Twelfths of a pixel; `u32::MAX` outside of the blob.
     twelfths: Vec<u32>,
 }
 
 impl Field {
-    /// Distance at a point of the outline, pixels: over the nearest body pixel.
-    fn at(&self, point: Vec2) -> f32 {
+    /// Distance at a point, pixels: over the nearest pixel of the region, 0 far from all.
+    pub fn at(&self, point: Vec2) -> f32 {
         let [x0, y0, x1, y1] = self.bounds;
         let (x, y) = (point.x.floor() as isize, point.y.floor() as isize);
         let mut best = f32::INFINITY;
@@ -246,11 +273,11 @@ impl Field {
 }
 
 impl Blob {
-    fn of(mask: &Mask, label: u16) -> Option<Self> {
-        let bounds = mask.blobs.iter().find(|blob| blob.label == label)?.bounds;
+    fn of(mask: &Mask, labels: &Labels, label: u16) -> Option<Self> {
+        let bounds = labels.regions.iter().find(|region| region.label == label)?.bounds;
         let [x0, y0, x1, y1] = bounds;
         let pixels = (y0..y1).flat_map(|y| (x0..x1).map(move |x| y * mask.width + x));
-        let body = pixels.map(|index| mask.labels[index] == label && mask.occupancy[index] >= 0.5).collect();
+        let body = pixels.map(|index| labels.of[index] == label && mask.occupancy[index] >= 0.5).collect();
         Some(Self { bounds, width: x1 - x0, body })
     }
 
@@ -342,7 +369,7 @@ fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32> {
 mod tests {
     use super::*;
     use crate::stages::contour;
-    use crate::stages::mask;
+    use crate::stages::mask::Region;
 
     #[test]
     fn maxima_count_by_their_persistence() {
@@ -364,16 +391,23 @@ mod tests {
             region: [0, 0, width, height],
             frames: 1,
             depth_m: vec![0.5; occupancy.len()],
-            labels: occupancy.iter().map(|o| *o as u16).collect(),
+            unseen: vec![false; occupancy.len()],
+            depth_noise_m: 0.0,
+            blobs: one_region(&occupancy, width, height),
+            pieces: one_region(&occupancy, width, height),
             occupancy,
-            blobs: vec![mask::Blob { label: 1, area_px: 1, bounds: [0, 0, width, height] }],
         }
+    }
+
+    fn one_region(occupancy: &[f32], width: usize, height: usize) -> Labels {
+        let region = Region { label: 1, area_px: 1, bounds: [0, 0, width, height] };
+        Labels { of: occupancy.iter().map(|o| *o as u16).collect(), regions: vec![region] }
     }
 
     fn parts(inside: impl Fn(f32, f32) -> bool) -> Vec<Part> {
         let mask = mask(inside);
-        let outlines = contour::trace(&mask);
-        flow(&mask, &outlines[0], &PartitionParams::default())
+        let outlines = contour::trace(&mask, &mask.blobs);
+        flow(&mask, &mask.blobs, &outlines[0], &PartitionParams::default())
     }
 
     /// Whether a pixel lies within a straight blade of half width 5 from (60, 150).

@@ -1,10 +1,12 @@
-//! A single blade's outline → its midrib and its width to both sides, in image pixels.
+//! A ribbon → the skeleton of a blade: its midrib and its width to both sides, in image pixels, at
+//! evenly spaced stations from root to tip.
 
 use common::geometry::{polyline, smooth};
 use glam::Vec2;
 
 use super::mask::Mask;
-use super::partition::{Part, Side};
+use super::ribbon::{End, Ribbon, Section};
+use super::section::Expected;
 
 /// Stations of a skeleton: the raw skeleton that refinement starts from.
 pub const STATIONS: usize = 128;
@@ -20,262 +22,173 @@ pub struct Station {
     pub left_px: f32,
     /// From the midrib to the right edge, pixels, ≥ 0.
     pub right_px: f32,
+    /// Depth on the midrib, metres.
+    pub depth_m: f32,
+    /// Slope of depth across, metres a pixel to the right.
+    pub slope_m: f32,
 }
 
 /// A blade's midrib from root to tip, at [`STATIONS`] stations evenly along it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Skeleton {
-    /// The blob's label in the mask.
-    pub label: u16,
     /// From root to tip.
     pub stations: Vec<Station>,
     /// Length of the midrib in the image, pixels.
     pub length_px: f32,
+    /// Whether its tip is seen as such.
+    pub tip_seen: bool,
 }
 
-/// Half-height wavelength of the smoothing along the midrib, pixels: twists and bends of a blade are
-/// longer, the jitter of edges is shorter.
-const MIDRIB_WAVELENGTH_PX: f64 = 36.0;
-/// The same for widths.
+/// Half-height wavelength of the smoothing of widths along the midrib, pixels.
 const WIDTH_WAVELENGTH_PX: f64 = 16.0;
-/// Rounds of cross-sections. The midrib moves by less than 0.05 px after the third.
-const ROUNDS: usize = 4;
-/// Step of the sum across, pixels.
-const ACROSS_STEP_PX: f32 = 0.25;
-/// How far past its side an edge is looked for: the fringe of a jittering edge.
-const FRINGE_PX: f32 = 2.5;
 
-/// Finds midrib and half widths of one blade; `None` when it is too small to have any.
+/// Finds the ends of a ribbon and samples it evenly; `None` when it is too short.
 ///
-/// Points of both sides at the same distance from the root are matched; then true cross-sections of
-/// the midrib so far are taken, in which the occupied length to each side is the half width, and the
-/// midrib moves to their middle, until it rests. Where the tip is thinner than a pixel it is carried
-/// on by its taper. O(stations · (outline + width)).
+/// Where an end is thinner than a pixel the blade is carried on by its taper. O(length · width).
 ///
 /// # Source
-/// Fan & Sheng §4.3 (matching symmetric points). Departures: matching by distance from the root
-/// rather than by index, cross-sections, widths as summed occupancy, which is right below a pixel.
-pub fn trace(mask: &Mask, part: &Part) -> Option<Skeleton> {
-    let mut midrib = matched_sides(part)?;
-    let count = (polyline::length(&midrib).round() as usize).max(8);
-    midrib = polyline::resample(&midrib, count);
-    for _ in 0..ROUNDS {
-        let (mids, weights) = middles(&cross_sections(mask, part, &midrib));
-        midrib = polyline::resample(&smoothed(&mids, &weights), count);
-    }
-    let sections = cross_sections(mask, part, &midrib);
-    let ends = find_ends(mask, part, &sections)?;
-    Some(finished(part.label, &sections, ends))
-}
-
-/// Midpoints of the points on both sides at equal distance from the root.
-fn matched_sides(part: &Part) -> Option<Vec<Vec2>> {
-    let lowest = |side: &Side| side.flow_px.first().copied();
-    let from = lowest(&part.left)?.max(lowest(&part.right)?);
-    let to = part.left.flow_px.last().copied()?;
-    let levels = ((to - from) as usize).max(1);
-    if to - from < 6.0 {
+/// Fan & Sheng §4.3 (matching symmetric points). Departures: true cross-sections of a midrib that
+/// was fitted to them, widths as summed occupancy, which is right below a pixel.
+pub fn trace(mask: &Mask, ribbon: &Ribbon) -> Option<Skeleton> {
+    let mut sections = ribbon.sections.clone();
+    if sections.len() < 8 {
         return None;
     }
-    let at = |side: &Side, level: f32| {
-        // Flow can waver; the first point that reaches the level is the one that counts.
-        let index = side.flow_px.iter().position(|flow| *flow >= level).unwrap_or(side.points.len() - 1);
-        let before = index.saturating_sub(1);
-        let (low, high) = (side.flow_px[before], side.flow_px[index]);
-        let t = if high > low { ((level - low) / (high - low)).clamp(0.0, 1.0) } else { 1.0 };
-        side.points[before].lerp(side.points[index], t)
-    };
-    let middle = |level: f32| at(&part.left, level).midpoint(at(&part.right, level));
-    let mut midrib: Vec<Vec2> =
-        (0..=levels).map(|k| middle(from + (to - from) * k as f32 / levels as f32)).collect();
-    if part.cut {
-        midrib[0] = part.left.points[0].midpoint(part.right.points[0]);
+    let last = sections.len() - 1;
+    let tip = (ribbon.tip == End::Free).then(|| end(mask, &sections, last, -1));
+    let root = (ribbon.root == End::Free).then(|| end(mask, &sections, 0, 1));
+    // Beside a blunt end the cross-sections lean into its corners: it is carried on straight.
+    if let Some(tip) = tip.as_ref().filter(|tip| !tip.pointed) {
+        sections.truncate(sections.len() - tip.back);
     }
-    midrib.dedup_by(|a, b| a.distance(*b) < 1e-3);
-    (midrib.len() >= 2).then_some(midrib)
-}
-
-/// A cross-section before it is smoothed.
-#[derive(Clone, Copy, Debug)]
-struct Section {
-    origin: Vec2,
-    across: Vec2,
-    /// Where the edges are, along `across` from `origin`.
-    left: f32,
-    right: f32,
-}
-
-impl Section {
-    fn width(&self) -> f32 {
-        self.right - self.left
+    if let Some(root) = root.as_ref().filter(|root| !root.pointed) {
+        sections.drain(..root.back);
     }
-}
-
-fn tangents(points: &[Vec2]) -> Vec<Vec2> {
-    let n = points.len();
-    (0..n)
-        .map(|i| (points[(i + 1).min(n - 1)] - points[i.saturating_sub(1)]).normalize_or(Vec2::NEG_Y))
-        .collect()
-}
-
-/// The right-hand normal of a direction in the image (y down).
-fn right_of(direction: Vec2) -> Vec2 {
-    Vec2::new(-direction.y, direction.x)
-}
-
-fn cross_sections(mask: &Mask, part: &Part, midrib: &[Vec2]) -> Vec<Section> {
-    let across = tangents(midrib).into_iter().map(right_of);
-    midrib.iter().zip(across).map(|(origin, across)| cross_section(mask, part, *origin, across)).collect()
-}
-
-fn cross_section(mask: &Mask, part: &Part, origin: Vec2, across: Vec2) -> Section {
-    let reach = |side: &Side, direction: Vec2| {
-        let hit = nearest_hit(origin, direction, &side.points);
-        let fringe = if part.cut { 1.0 } else { FRINGE_PX };
-        occupied_length(mask, part.label, origin, direction, hit.unwrap_or(0.0) + fringe)
+    let beyond = |end: &Found| if end.pointed { end.length - end.back as f32 } else { end.length };
+    let ends = Ends {
+        root: root.as_ref().map_or(0.0, |end| -beyond(end)),
+        tip: (sections.len() - 1) as f32 + tip.as_ref().map_or(0.0, beyond),
+        pointed_root: root.is_some_and(|end| end.pointed),
+        pointed_tip: tip.is_some_and(|end| end.pointed),
     };
-    Section { origin, across, left: -reach(&part.left, -across), right: reach(&part.right, across) }
+    (sections.len() >= 8).then(|| finished(&sections, &ends, ribbon.tip == End::Free))
 }
 
-/// How far along `direction` from `origin` the polyline is first met.
-fn nearest_hit(origin: Vec2, direction: Vec2, points: &[Vec2]) -> Option<f32> {
-    let hit = |pair: &[Vec2]| {
-        let (a, edge) = (pair[0] - origin, pair[1] - pair[0]);
-        let parallel = direction.perp_dot(edge);
-        let along = a.perp_dot(edge) / parallel;
-        let t = a.perp_dot(direction) / parallel;
-        (parallel != 0.0 && along > 0.0 && (0.0..=1.0).contains(&t)).then_some(along)
-    };
-    points.windows(2).filter_map(hit).min_by(f32::total_cmp)
-}
-
-/// ∫ occupancy from `origin` along `direction`, pixels.
-fn occupied_length(mask: &Mask, label: u16, origin: Vec2, direction: Vec2, limit: f32) -> f32 {
-    let steps = (limit / ACROSS_STEP_PX).ceil() as usize;
-    let at = |k: usize| mask.occupancy_at(label, origin + direction * ((k as f32 + 0.5) * ACROSS_STEP_PX));
-    (0..steps).map(at).sum::<f32>() * ACROSS_STEP_PX
-}
-
-/// The middles of the sections, with weights for smoothing: narrow sections say little.
-fn middles(sections: &[Section]) -> (Vec<Vec2>, Vec<f64>) {
-    sections
-        .iter()
-        .map(|section| {
-            let weight = f64::from((section.width() / 2.0).clamp(0.0, 1.0));
-            (section.origin + section.across * (0.5 * (section.left + section.right)), weight)
-        })
-        .unzip()
-}
-
-fn smoothed(points: &[Vec2], weights: &[f64]) -> Vec<Vec2> {
-    let axis = |of: fn(&Vec2) -> f32| {
-        let values: Vec<f64> = points.iter().map(|p| f64::from(of(p))).collect();
-        smooth::penalised(&values, weights, MIDRIB_WAVELENGTH_PX)
-    };
-    axis(|p| p.x).into_iter().zip(axis(|p| p.y)).map(|(x, y)| Vec2::new(x as f32, y as f32)).collect()
-}
-
-/// Where root and tip are, in stations of `sections` from its first, which may lie outside of them.
+/// Where root and tip are, in sections from the first, which may lie outside of them.
 struct Ends {
     root: f32,
     tip: f32,
-    /// Whether the blade narrows to a point at its root too.
+    /// Whether the blade narrows to a point there.
     pointed_root: bool,
+    pointed_tip: bool,
 }
 
-fn find_ends(mask: &Mask, part: &Part, sections: &[Section]) -> Option<Ends> {
-    let n = sections.len();
-    let spacing = sections[0].origin.distance(sections[n - 1].origin) / (n - 1) as f32;
-    if spacing <= 0.0 {
-        return None;
-    }
-    let tip = end(mask, part, sections, n - 1, -1);
-    let root = if part.cut { None } else { Some(end(mask, part, sections, 0, 1)) };
-    Some(Ends {
-        root: root.as_ref().map_or(0.0, |end| -end.beyond),
-        tip: (n - 1) as f32 + tip.beyond,
-        pointed_root: root.is_some_and(|end| end.pointed),
-    })
-}
-
-struct End {
-    /// How far the end lies beyond the last section, in sections (pixels); below 0 if before it.
-    beyond: f32,
+struct Found {
+    /// The section that it was looked for from, counted from the last one inward.
+    back: usize,
+    /// How far the end lies beyond that one, pixels.
+    length: f32,
+    /// Whether the blade narrows to a point there; else it ends across.
     pointed: bool,
 }
 
 /// Carries a blade on past section `last` (whose neighbours lie in direction `inward`), straight, and
 /// finds where it ends: of a blade that narrows evenly to a point the area beyond a section is half
 /// its width times the length that is left.
-fn end(mask: &Mask, part: &Part, sections: &[Section], last: usize, inward: isize) -> End {
+fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
     const BACK: usize = 6;
     const FORWARD: usize = 16;
-    let at = |k: usize| &sections[last.saturating_add_signed(inward * k as isize).min(sections.len() - 1)];
-    let back = BACK.min(sections.len() - 1);
+    let at = |k: usize| {
+        &sections[last.saturating_add_signed(inward * k as isize).min(sections.len() - 1)].expected
+    };
+    let wide = at(BACK).half_px + 3.0;
+    let back = BACK.max(wide as usize).min((sections.len() - 1) / 4);
     // The straight line through the last sound sections; the very last ones lean.
     let base = at(back);
-    let outward = (base.origin - at(back * 3).origin).normalize_or(base.origin - at(back + 1).origin);
-    let across =
-        if base.across.dot(right_of(outward)) < 0.0 { -right_of(outward) } else { right_of(outward) };
-    let mut areas = Vec::with_capacity(back + FORWARD);
+    let outward = (base.mid - at(back * 3).mid).normalize_or(base.mid - at(back + 1).mid);
+    let right = Vec2::new(-outward.y, outward.x);
+    let across = if base.across.dot(right) < 0.0 { -right } else { right };
+    let climb = (base.depth_m - at(back * 3).depth_m) / (base.mid.distance(at(back * 3).mid)).max(1.0);
+    let mut widths = Vec::with_capacity(back + FORWARD);
     for k in 0..back + FORWARD {
-        let origin = base.origin + outward * (k as f32 + 0.5);
-        let half = 0.5 * base.width().max(1.0) + 1.5;
-        let width = occupied_length(mask, part.label, origin, -across, half)
-            + occupied_length(mask, part.label, origin, across, half);
+        let away = k as f32 + 0.5;
+        let section = Expected {
+            mid: base.mid + outward * away,
+            across,
+            half_px: base.half_px.max(0.5),
+            depth_m: base.depth_m + climb * away,
+            tolerance_m: 2.0 * base.tolerance_m,
+            ..*base
+        };
+        let width = section.covered_px(mask);
         if width < 0.05 {
             break;
         }
-        areas.push(width);
+        widths.push(width);
     }
-    let area: f32 = areas.iter().sum();
-    let width = base.width().max(0.1);
-    // A blunt end keeps its width to the last pixel; a pointed one has lost most of it by then.
-    let outer = areas.iter().rev().nth(1).copied().unwrap_or(0.0);
-    let pointed = outer < 0.55 * width;
-    let length = if pointed { 2.0 * area / width } else { area / width };
-    End { beyond: length - back as f32, pointed }
+    let area: f32 = widths.iter().sum();
+    let width = (2.0 * base.half_px).max(0.1);
+    // Were it blunt, its last reading would lie no farther than the edge is smeared.
+    let blunt = area / width;
+    let pointed = widths.len() as f32 - blunt > (0.4 * blunt).max(2.2);
+    let outer = if pointed { 0.0 } else { widths.iter().rev().nth(3).copied().unwrap_or(width) };
+    let length = 2.0 * area / (width + outer);
+    // No end lies far beyond the last reading of it.
+    Found { back, length: length.min(widths.len() as f32 + 0.4 * width), pointed }
 }
 
-fn finished(label: u16, sections: &[Section], ends: Ends) -> Skeleton {
+fn finished(sections: &[Section], ends: &Ends, tip_seen: bool) -> Skeleton {
     let n = sections.len();
-    let spacing =
-        (1..n).map(|i| sections[i].origin.distance(sections[i - 1].origin)).sum::<f32>() / (n - 1) as f32;
     // Sections within this many of an end are cut off by it and say little about the width.
     let lean = 2.0;
-    let trust = |i: usize| {
-        let from_root = i as f32 - ends.root;
-        let to_tip = ends.tip - i as f32;
-        f64::from(u8::from((from_root >= lean || !ends.pointed_root && from_root >= 1.0) && to_tip >= lean))
+    let trusted = |i: usize| {
+        let (from_root, to_tip) = (i as f32 - ends.root, ends.tip - i as f32);
+        (from_root >= lean || !ends.pointed_root) && (to_tip >= lean || !ends.pointed_tip)
     };
-    let weights: Vec<f64> = (0..n).map(trust).collect();
     // One sample a pixel over the whole length, the ends pinned where they are points.
     let first = ends.root.floor().min(0.0) as isize;
     let last = ends.tip.ceil().max((n - 1) as f32) as isize;
-    let wavelength = WIDTH_WAVELENGTH_PX / f64::from(spacing.max(0.1));
-    let profile = |of: fn(&Section) -> f32| {
-        let (mut values, mut weight) = (Vec::new(), Vec::new());
+    let profile = |side: fn(&Section) -> Option<f32>| {
+        let (mut values, mut weights) = (Vec::new(), Vec::new());
         for i in first..=last {
-            let known = usize::try_from(i).ok().filter(|i| *i < n);
-            let is_point = i as f32 >= ends.tip || ends.pointed_root && i as f32 <= ends.root;
-            let value = known.map_or(0.0, |i| of(&sections[i]));
-            values.push(if is_point { 0.0 } else { f64::from(value) });
-            weight.push(if is_point { 1.0 } else { known.map_or(0.0, |i| weights[i]) });
+            let section = usize::try_from(i).ok().and_then(|i| Some((i, sections.get(i)?)));
+            let beyond =
+                i as f32 >= ends.tip && ends.pointed_tip || i as f32 <= ends.root && ends.pointed_root;
+            let (value, weight) = match section {
+                _ if beyond => (0.0, 1.0),
+                Some((i, section)) => {
+                    let seen = side(section).filter(|_| trusted(i));
+                    (seen.unwrap_or(section.expected.half_px), if seen.is_some() { 1.0 } else { 0.01 })
+                }
+                None => (0.0, 0.0),
+            };
+            values.push(f64::from(value));
+            weights.push(weight);
         }
-        smooth::penalised(&values, &weight, wavelength)
+        smooth::penalised(&values, &weights, WIDTH_WAVELENGTH_PX)
     };
-    let (left, right) = (profile(|s| -s.left), profile(|s| s.right));
-    let straight =
-        |from: usize, to: usize| (sections[from].origin - sections[to].origin).normalize_or_zero() * spacing;
-    let (root_step, tip_step) = (straight(0, 3.min(n - 1)), straight(n - 1, n.saturating_sub(4)));
+    let left = profile(|section| section.measured.left_px.map(|edge| -edge));
+    let right = profile(|section| section.measured.right_px);
+    let straight = |from: usize, to: usize| {
+        (sections[from].expected.mid - sections[to].expected.mid) / (from as f32 - to as f32).abs()
+    };
+    let (root_step, tip_step) = (straight(0, 4), straight(n - 1, n - 5));
+    let climb = |from: usize, to: usize| {
+        (sections[from].expected.depth_m - sections[to].expected.depth_m) / (from as f32 - to as f32).abs()
+    };
+    let (root_climb, tip_climb) = (climb(0, 8.min(n - 1)), climb(n - 1, n.saturating_sub(9)));
     let place = |i: f32| {
+        let (first, last) = (&sections[0].expected, &sections[n - 1].expected);
+        let beyond = i - (n - 1) as f32;
         if i < 0.0 {
-            sections[0].origin - root_step * i
-        } else if i > (n - 1) as f32 {
-            sections[n - 1].origin + tip_step * (i - (n - 1) as f32)
+            (first.mid - root_step * i, first.depth_m - root_climb * i, first.slope_m)
+        } else if beyond > 0.0 {
+            (last.mid + tip_step * beyond, last.depth_m + tip_climb * beyond, last.slope_m)
         } else {
-            let (k, t) = ((i as usize).min(n - 2), i - (i as usize).min(n - 2) as f32);
-            sections[k].origin.lerp(sections[k + 1].origin, t)
+            let k = (i as usize).min(n - 2);
+            let (a, b, t) = (&sections[k].expected, &sections[k + 1].expected, i - k as f32);
+            let between = |a: f32, b: f32| a + (b - a) * t;
+            (a.mid.lerp(b.mid, t), between(a.depth_m, b.depth_m), between(a.slope_m, b.slope_m))
         }
     };
     let sample = |profile: &[f64], i: f32| {
@@ -284,20 +197,31 @@ fn finished(label: u16, sections: &[Section], ends: Ends) -> Skeleton {
         let t = f64::from(at - k as f32);
         ((profile[k] * (1.0 - t) + profile[k + 1] * t) as f32).max(0.0)
     };
-    let positions: Vec<f32> = (0..STATIONS)
-        .map(|k| ends.root + (ends.tip - ends.root) * k as f32 / (STATIONS - 1) as f32)
+    let fine: Vec<f32> = (0..4 * STATIONS)
+        .map(|k| ends.root + (ends.tip - ends.root) * k as f32 / (4 * STATIONS - 1) as f32)
         .collect();
-    let mids: Vec<Vec2> = positions.iter().map(|i| place(*i)).collect();
-    let length_px = polyline::length(&mids);
-    let across = tangents(&mids).into_iter().map(right_of);
-    let station = |((i, mid), across): ((&f32, &Vec2), Vec2)| Station {
-        mid: *mid,
-        across,
-        left_px: sample(&left, *i),
-        right_px: sample(&right, *i),
-    };
-    let mut stations: Vec<Station> = positions.iter().zip(&mids).zip(across).map(station).collect();
-    let tip = &mut stations[STATIONS - 1];
-    (tip.left_px, tip.right_px) = (0.0, 0.0);
-    Skeleton { label, stations, length_px }
+    let path: Vec<Vec2> = fine.iter().map(|i| place(*i).0).collect();
+    let cumulative = polyline::cumulative_length(&path);
+    let length_px = cumulative[cumulative.len() - 1];
+    let positions = (0..STATIONS).map(|k| {
+        let (segment, t) = polyline::locate(&cumulative, length_px * k as f32 / (STATIONS - 1) as f32);
+        fine[segment] + (fine[segment + 1] - fine[segment]) * t
+    });
+    let mut stations: Vec<Station> = positions
+        .map(|i| {
+            let (mid, depth_m, slope_m) = place(i);
+            let (left_px, right_px) = (sample(&left, i), sample(&right, i));
+            Station { mid, across: Vec2::X, left_px, right_px, depth_m, slope_m }
+        })
+        .collect();
+    for k in 0..STATIONS {
+        let along = stations[(k + 1).min(STATIONS - 1)].mid - stations[k.saturating_sub(1)].mid;
+        let along = along.normalize_or(Vec2::NEG_Y);
+        stations[k].across = Vec2::new(-along.y, along.x);
+    }
+    if ends.pointed_tip {
+        let tip = &mut stations[STATIONS - 1];
+        (tip.left_px, tip.right_px) = (0.0, 0.0);
+    }
+    Skeleton { stations, length_px, tip_seen }
 }

@@ -6,8 +6,8 @@ use glam::Vec3;
 use super::blade::SyntheticBlade;
 use super::clip::{Clip, ClipParams, ClipParamsError};
 use super::scene::{Family, Scene};
-use crate::pipeline::CapturedBlade;
 use crate::session::{Session, SessionParams};
+use crate::stages::blade::CapturedBlade;
 
 /// A captured blade belongs to a true one when their midribs are on average no farther apart, metres.
 pub const MATCH_M: f32 = 0.015;

@@ -113,7 +113,7 @@ pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
     let wanted = |family| [Families::All, Families::Only(family)].iter().any(|it| args.family.contains(it));
     let mut paths = Vec::new();
     for family in FAMILIES.into_iter().filter(|&family| wanted(family)) {
-        for seed in (args.seed..).take(args.clips as usize) {
+        for seed in (0..args.clips).map(|clip| args.seed.wrapping_add(clip)) {
             let scene = Scene::new(family, seed);
             let params = ClipParams { frames: args.frames.unwrap_or(scene.frames()), ..params };
             let clip = Clip::new(scene, params)?;
@@ -153,9 +153,17 @@ fn write_frames(path: &Path, clip: &Clip, format: Format, compression_level: u32
         Format::Mcap => {
             let sensor = "Sward synthetic sensor".to_owned();
             let params = RecordingParams { sensor, compression_level, ..RecordingParams::default() };
-            let mut writer = McapWriter::create(path, params)?;
-            clip.frames().try_for_each(|frame| writer.write(&frame))?;
-            writer.finish()?;
+            // A clip that was cut short by a full disk never stands there under its name.
+            let part = path.with_extension("mcap.part");
+            let written = McapWriter::create(&part, params).and_then(|mut writer| {
+                clip.frames().try_for_each(|frame| writer.write(&frame))?;
+                writer.finish()
+            });
+            let refused = |source| WriteError::Io { path: path.to_owned(), source };
+            if let Err(error) = written.and_then(|_| std::fs::rename(&part, path).map_err(refused)) {
+                let _gone = std::fs::remove_file(&part);
+                return Err(error);
+            }
         }
         Format::Png => {
             let mut writer = PngWriter::create(path, clip.params().fps)?;

@@ -21,7 +21,7 @@ pub fn point_polyline(point: Vec3, points: &[Vec3]) -> f32 {
 /// Hausdorff distance between two polylines (≥ 1 point each), the larger of both directions.
 ///
 /// The farthest point is looked for among the vertices: distance to a polyline is not convex along
-/// a segment, so the true value can be larger by at most a quarter of the longest segment of either.
+/// a segment, so the true value can be larger by at most half of the longest segment of either.
 /// O(n·m).
 ///
 /// # Source

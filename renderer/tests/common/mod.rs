@@ -142,7 +142,8 @@ fn grow(recipe: &Recipe, index: u32) -> Blade {
         })
         .collect();
     let id = BladeId::of(u64::from(index), index, &knots);
-    Blade::new(id, recipe.name, knots, recipe.length_m, 1, 0.9).expect("a plausible blade")
+    let width_m = knots.iter().map(Knot::width).fold(0.0, f32::max);
+    Blade::new(id, recipe.name, knots, [recipe.length_m, width_m], 1, 0.9).expect("a plausible blade")
 }
 
 /// Eight blades of five outlines, leaves rarer than blades.

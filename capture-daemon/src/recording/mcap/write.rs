@@ -27,8 +27,6 @@ pub struct RecordingParams {
     pub sensor: String,
     /// Its serial number; empty: unknown.
     pub serial: String,
-    /// Hash of the configuration that was in force, if any.
-    pub config_hash: Option<String>,
     /// Level of the zstd compression: 1 to 22, 0 for its default, which keeps pace with a sensor.
     pub compression_level: u32,
 }
@@ -109,14 +107,11 @@ impl<W: Write + Seek> McapWriter<W> {
 
     /// Writes the metadata, which only the first frame completes.
     fn begin(&mut self, frame: &DepthFrame) -> Result<(), WriteError> {
-        let mut metadata = BTreeMap::from([
+        let metadata = BTreeMap::from([
             ("sensor".to_owned(), self.params.sensor.clone()),
             ("serial".to_owned(), self.params.serial.clone()),
             (DEPTH_UNIT_KEY.to_owned(), frame.depth_unit_m.to_string()),
         ]);
-        if let Some(hash) = &self.params.config_hash {
-            metadata.insert("config_hash".to_owned(), hash.clone());
-        }
         self.writer.write_metadata(&Metadata { name: METADATA_NAME.to_owned(), metadata })?;
         self.depth_unit_m = Some(frame.depth_unit_m);
         self.chunk_start_ns = frame.timestamp_ns;

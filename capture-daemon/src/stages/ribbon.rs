@@ -1,0 +1,456 @@
+//! Parts → ribbons: each blade followed from the stretch that its outline shows into both directions,
+//! behind what hides it, across gaps without readings and into the base that it shares with others.
+
+use common::geometry::fit::Parabola;
+use common::geometry::{polyline, smooth};
+use glam::Vec2;
+
+use super::join::join;
+use super::mask::Mask;
+use super::partition::{Field, Part, Side};
+use super::section::{Expected, Measured, Middle};
+
+/// A cross-section of a ribbon, about a pixel from the next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Section {
+    /// Where it is taken to be.
+    pub expected: Expected,
+    /// What was measured there.
+    pub measured: Measured,
+}
+
+/// How a ribbon ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Before what is behind it: the blade's own end.
+    Free,
+    /// In something that it shares with others, or at the border of the region.
+    Shared,
+    /// Behind something, or where nothing can be seen.
+    Lost,
+}
+
+/// One blade, followed from end to end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ribbon {
+    /// From root to tip.
+    pub sections: Vec<Section>,
+    /// How it ends at its root.
+    pub root: End,
+    /// How it ends at its tip.
+    pub tip: End,
+}
+
+/// How far a blade is followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RibbonParams {
+    /// Longest stretch that is followed behind something nearer, pixels.
+    pub hidden_px: usize,
+    /// Longest stretch that is followed where nothing can be seen, pixels.
+    pub unseen_px: usize,
+    /// Where gravity points in the image; unit vector.
+    pub down: Vec2,
+}
+
+impl Default for RibbonParams {
+    fn default() -> Self {
+        Self { hidden_px: 70, unseen_px: 24, down: Vec2::Y }
+    }
+}
+
+/// Half-height wavelengths of the smoothing along a ribbon, pixels.
+const MIDRIB_WAVELENGTH_PX: f64 = 28.0;
+const WIDTH_WAVELENGTH_PX: f64 = 16.0;
+const DEPTH_WAVELENGTH_PX: f64 = 48.0;
+/// σ of the window in which the slope across is fitted, pixels.
+const SLOPE_WINDOW_PX: f32 = 9.0;
+/// Shortest stretch that a blade can be followed from, pixels.
+const MIN_SEED_PX: usize = 8;
+
+/// Follows every part and keeps each blade once, the longest first. `fields`: distance from its root
+/// for each blob, by label. O(parts · length · width).
+pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams) -> Vec<Ribbon> {
+    let mut ribbons: Vec<Ribbon> = parts.iter().filter_map(|part| visible_stretch(mask, part)).collect();
+    let longest_first = |ribbons: &mut Vec<Ribbon>| {
+        ribbons.sort_by_key(|ribbon| std::cmp::Reverse(ribbon.sections.len()));
+    };
+    longest_first(&mut ribbons);
+    join(mask, &mut ribbons, params);
+    ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
+    longest_first(&mut ribbons);
+    let mut kept: Vec<Ribbon> = Vec::new();
+    for ribbon in ribbons {
+        if !kept.iter().any(|longer| covers(longer, &ribbon, mask)) {
+            kept.push(ribbon);
+        }
+    }
+    kept
+}
+
+/// Largest distance of a reading from where its blade is expected, metres.
+fn tolerance_m(mask: &Mask) -> f32 {
+    // A single frame's noise is not all of it: real leaves are curled.
+    let factor = if mask.frames >= 4 { 5.0 } else { 10.0 };
+    (factor * mask.depth_noise_m).clamp(0.002, 0.020)
+}
+
+/// What the outline shows of a blade.
+fn visible_stretch(mask: &Mask, part: &Part) -> Option<Ribbon> {
+    let mut sections = seed(mask, part)?;
+    settle(mask, &mut sections, 12.0);
+    // Beside what hides it the stretch narrows to a wedge that says nothing about the blade.
+    let clear = |section: &Section| section.measured.middle == Middle::Blade && section.edges_seen() == 2;
+    let first = sections.iter().position(clear)?;
+    let last = sections.iter().rposition(clear)?;
+    sections.truncate(last + 1);
+    sections.drain(..first);
+    let root = if part.cut { End::Shared } else { End::Free };
+    (sections.len() >= MIN_SEED_PX).then_some(Ribbon { sections, root, tip: End::Free })
+}
+
+/// Follows a ribbon on at both ends and finds out which one is the root.
+fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonParams) {
+    let cut = ribbon.root == End::Shared;
+    let sections = &mut ribbon.sections;
+    ribbon.tip = extend(mask, sections, &[], params);
+    reverse(sections);
+    ribbon.root = extend(mask, sections, fields, params);
+    reverse(sections);
+    for wavelength_px in [18.0, 24.0, MIDRIB_WAVELENGTH_PX] {
+        settle(mask, sections, wavelength_px);
+    }
+    let first_is_root = match (ribbon.root, ribbon.tip) {
+        _ if cut => true,
+        (End::Shared, End::Shared) | (End::Free | End::Lost, End::Free | End::Lost) => {
+            let height = |i: usize| ribbon.sections[i].expected.mid.dot(params.down);
+            height(0) >= height(ribbon.sections.len() - 1)
+        }
+        (first, _) => first == End::Shared,
+    };
+    if !first_is_root {
+        reverse(&mut ribbon.sections);
+        std::mem::swap(&mut ribbon.root, &mut ribbon.tip);
+    }
+}
+
+/// The stretch that the outline shows, from the part's base to its tip.
+fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
+    let (midrib, widths) = matched_sides(part)?;
+    let count = polyline::length(&midrib).round() as usize;
+    if count < MIN_SEED_PX {
+        return None;
+    }
+    let cumulative = polyline::cumulative_length(&midrib);
+    let total = *cumulative.last()?;
+    let at = |i: usize| polyline::locate(&cumulative, total * i as f32 / (count - 1) as f32);
+    let mids: Vec<Vec2> = (0..count).map(at).map(|(k, t)| midrib[k].lerp(midrib[k + 1], t)).collect();
+    let tolerance_m = tolerance_m(mask);
+    let mut sections: Vec<Section> = Vec::with_capacity(count);
+    for i in 0..count {
+        let (k, t) = at(i);
+        let half_px = 0.5 * (widths[k] + (widths[k + 1] - widths[k]) * t);
+        let across = across_at(&mids, i);
+        let depth_m =
+            depth_near(mask, part.label, mids[i]).or(sections.last().map(|s| s.expected.depth_m))?;
+        let expected = Expected {
+            mid: mids[i],
+            across,
+            half_px,
+            depth_m,
+            slope_m: 0.0,
+            tolerance_m: tolerance_m.max(0.004),
+            search_px: 2.5,
+        };
+        sections.push(Section { expected, measured: expected.measure(mask) });
+    }
+    Some(sections)
+}
+
+/// Median depth of the piece's pixels around a point.
+fn depth_near(mask: &Mask, piece: u16, point: Vec2) -> Option<f32> {
+    let offsets = (-2..=2).flat_map(|y| (-2..=2).map(move |x| Vec2::new(x as f32, y as f32)));
+    let mut depths: Vec<f32> = offsets
+        .filter_map(|offset| mask.index_at(point + offset))
+        .filter(|index| mask.pieces.of[*index] == piece && mask.occupancy[*index] > 0.85)
+        .map(|index| mask.depth_m[index])
+        .collect();
+    depths.sort_by(f32::total_cmp);
+    depths.get(depths.len() / 2).copied()
+}
+
+/// Midpoints of the points on both sides at equal distance from the root, and their distances.
+fn matched_sides(part: &Part) -> Option<(Vec<Vec2>, Vec<f32>)> {
+    let lowest = |side: &Side| side.flow_px.first().copied();
+    let from = lowest(&part.left)?.max(lowest(&part.right)?);
+    let to = part.left.flow_px.last().copied()?;
+    let levels = ((to - from) as usize).max(1);
+    if to - from < 6.0 {
+        return None;
+    }
+    let at = |side: &Side, level: f32| {
+        // Flow can waver; the first point that reaches the level is the one that counts.
+        let index = side.flow_px.iter().position(|flow| *flow >= level).unwrap_or(side.points.len() - 1);
+        let before = index.saturating_sub(1);
+        let (low, high) = (side.flow_px[before], side.flow_px[index]);
+        let t = if high > low { ((level - low) / (high - low)).clamp(0.0, 1.0) } else { 1.0 };
+        side.points[before].lerp(side.points[index], t)
+    };
+    let mut sides: Vec<(Vec2, f32)> = (0..=levels)
+        .map(|k| from + (to - from) * k as f32 / levels as f32)
+        .map(|level| (at(&part.left, level), at(&part.right, level)))
+        .map(|(left, right)| (left.midpoint(right), left.distance(right)))
+        .collect();
+    sides.dedup_by(|a, b| a.0.distance(b.0) < 1e-3);
+    (sides.len() >= 2).then(|| sides.into_iter().unzip())
+}
+
+fn across_at(mids: &[Vec2], i: usize) -> Vec2 {
+    let along = mids[(i + 2).min(mids.len() - 1)] - mids[i.saturating_sub(2)];
+    let along = along.normalize_or(Vec2::NEG_Y);
+    Vec2::new(-along.y, along.x)
+}
+
+pub(super) fn reverse(sections: &mut [Section]) {
+    sections.reverse();
+    for Section { expected, measured } in sections {
+        expected.across = -expected.across;
+        expected.slope_m = -expected.slope_m;
+        (measured.left_px, measured.right_px) = (measured.right_px.map(|e| -e), measured.left_px.map(|e| -e));
+        measured.slope_moments[0] = -measured.slope_moments[0];
+    }
+}
+
+impl Section {
+    fn edges_seen(&self) -> usize {
+        usize::from(self.measured.left_px.is_some()) + usize::from(self.measured.right_px.is_some())
+    }
+
+    /// How much its middle says about the midrib.
+    fn weight(&self) -> f32 {
+        let narrow = (self.expected.half_px / 1.0).clamp(0.05, 1.0);
+        match (self.measured.middle, self.edges_seen()) {
+            (Middle::Blade, 2) => narrow,
+            (Middle::Blade, 1) => 0.25 * narrow,
+            _ => 0.0,
+        }
+    }
+
+    /// The middle between its edges, as far as they are seen.
+    fn middle(&self) -> Vec2 {
+        let Expected { mid, across, half_px, .. } = self.expected;
+        let offset = match (self.measured.left_px, self.measured.right_px) {
+            (Some(left), Some(right)) => 0.5 * (left + right),
+            (Some(left), None) => left + half_px,
+            (None, Some(right)) => right - half_px,
+            (None, None) => 0.0,
+        };
+        mid + across * offset
+    }
+}
+
+/// Follows the blade on from the last section.
+fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &RibbonParams) -> End {
+    let mut seen = sections.len();
+    let (mut hidden, mut unseen, mut gone) = (0, 0, 0);
+    // The last section that stood clear of all others, and how far it is back.
+    let (mut clear, mut unclear) = (sections.len(), 0.0);
+    let end = loop {
+        let coasted = sections.len() - seen;
+        let mut expected = predict(sections, tolerance_m(mask));
+        expected.search_px = 1.8 + 0.12 * coasted as f32;
+        expected.tolerance_m += 1.0e-4 * coasted as f32;
+        let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32);
+        let Vec2 { x, y } = expected.mid;
+        if !(x >= x0 && y >= y0 && x <= x1 - 1.0 && y <= y1 - 1.0) {
+            break End::Shared;
+        }
+        let mut section = Section { expected, measured: expected.measure(mask) };
+        match section.measured.middle {
+            Middle::Blade if coasted >= 4 && !fits(&section) => hidden += 1,
+            Middle::Blade => {
+                section.expected.mid = section.middle();
+                if let (Some(left), Some(right)) = (section.measured.left_px, section.measured.right_px) {
+                    section.expected.half_px = 0.5 * (right - left);
+                }
+                section.measured = section.expected.measure(mask);
+                (hidden, unseen, gone) = (0, 0, 0);
+                seen = sections.len() + 1;
+                if fits(&section) {
+                    (clear, unclear) = (seen, 0.0);
+                }
+            }
+            Middle::Hidden => hidden += 1,
+            Middle::Unseen => unseen += 1,
+            Middle::Gone => gone += 1,
+        }
+        unclear += [1.0, 0.3, 0.0][section.edges_seen()];
+        sections.push(section);
+        let width = 2.0 * section.expected.half_px;
+        let merged = section.measured.middle == Middle::Blade && unclear > 1.5 * width + 8.0;
+        if merged && root_is_far(mask, &section, fields) {
+            sections.truncate(clear);
+            return End::Shared;
+        }
+        if gone >= 3 && root_is_far(mask, &sections[seen - 1], fields) {
+            // Out on the far side of a stem.
+            sections.truncate(clear);
+            return End::Shared;
+        }
+        if gone >= 3 {
+            // Hidden by something before it, it may end there.
+            break if hidden > 3 { End::Lost } else { End::Free };
+        }
+        if hidden > params.hidden_px || unseen > params.unseen_px || sections.len() > 2000 {
+            break End::Lost;
+        }
+    };
+    sections.truncate(seen);
+    end
+}
+
+/// Whether what comes out from behind something looks like the blade that went in.
+fn fits(section: &Section) -> bool {
+    let expected = 2.0 * section.expected.half_px;
+    match (section.measured.left_px, section.measured.right_px) {
+        (Some(left), Some(right)) => ((right - left) - expected).abs() < 0.35 * expected + 1.5,
+        _ => false,
+    }
+}
+
+/// What is expected one pixel on, from the sections so far.
+fn predict(sections: &[Section], tolerance_m: f32) -> Expected {
+    const WINDOW: usize = 80;
+    const MEMORY_PX: f32 = 24.0;
+    let recent = &sections[sections.len().saturating_sub(WINDOW)..];
+    // Hidden sections count from the last seen one on.
+    let last = sections[sections.len() - 1];
+    let seen = recent.iter().rposition(|section| section.weight() > 0.0).unwrap_or(recent.len() - 1);
+    let [mut x, mut y, mut half, mut depth] = [Parabola::default(); 4];
+    let mut slope = (0.0, 0.0);
+    for (i, section) in recent.iter().enumerate() {
+        let s = i as f64 - recent.len() as f64;
+        let memory = (-((seen as f32 - i as f32).max(0.0)) / MEMORY_PX).exp();
+        let weight = f64::from(memory * section.weight());
+        let mid = section.middle();
+        x.add(s, mid.x.into(), weight);
+        y.add(s, mid.y.into(), weight);
+        if section.edges_seen() == 2 {
+            half.add(s, section.expected.half_px.into(), weight);
+        }
+        if let Some(z) = section.measured.depth_m {
+            depth.add(s, z.into(), f64::from(memory) * f64::from(section.measured.readings));
+        }
+        slope.0 += memory * section.expected.slope_m;
+        slope.1 += memory;
+    }
+    let along = Vec2::new(last.expected.across.y, -last.expected.across.x);
+    // A curvature of 1/100 px has to be worth its readings.
+    let curve = |fit: &Parabola| fit.solve(2, 200.0);
+    let (mid, direction) = match (curve(&x), curve(&y)) {
+        (Some(x), Some(y)) => (Vec2::new(x[0] as f32, y[0] as f32), Vec2::new(x[1] as f32, y[1] as f32)),
+        _ => (last.expected.mid + along, along),
+    };
+    let direction = direction.normalize_or(along);
+    let value = |fit: Option<[f64; 3]>, fallback: f32| fit.map_or(fallback, |fit| fit[0] as f32);
+    let known = recent[seen].expected.half_px;
+    Expected {
+        mid,
+        across: Vec2::new(-direction.y, direction.x),
+        half_px: value(half.solve(1, 0.0), known).clamp(0.6 * known, 1.25 * known).max(0.5),
+        depth_m: value(curve(&depth), last.expected.depth_m),
+        slope_m: slope.0 / slope.1.max(1e-6),
+        tolerance_m,
+        search_px: 1.8,
+    }
+}
+
+/// Whether the root of the blob that a section lies on is farther off than a blade's base can reach:
+/// then what the blade has run into is a stem.
+fn root_is_far(mask: &Mask, section: &Section, fields: &[Field]) -> bool {
+    let Expected { mid, half_px, .. } = section.expected;
+    let label = mask.index_at(mid).map_or(0, |index| usize::from(mask.blobs.of[index]));
+    let field = label.checked_sub(1).and_then(|blob| fields.get(blob));
+    field.is_some_and(|field| field.at(mid) > 5.0 * half_px + 10.0)
+}
+
+/// Smooths a ribbon over its whole length and measures it anew.
+fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
+    let n = sections.len();
+    let weights: Vec<f64> = sections.iter().map(|section| f64::from(section.weight())).collect();
+    let both: Vec<f64> = sections.iter().map(|s| if s.edges_seen() == 2 { 1.0 } else { 0.0 }).collect();
+    let measured_half = |s: &Section| match (s.measured.left_px, s.measured.right_px) {
+        (Some(left), Some(right)) => f64::from(0.5 * (right - left)),
+        _ => f64::from(s.expected.half_px),
+    };
+    // Where a width is not seen, what was expected counts a little, so that it does not run away.
+    let anchored =
+        |weights: &[f64], anchor: f64| -> Vec<f64> { weights.iter().map(|w| w.max(anchor)).collect() };
+    let halves: Vec<f64> = sections.iter().map(measured_half).collect();
+    let widest = sections.iter().filter(|s| s.edges_seen() == 2).map(measured_half).fold(0.5, f64::max);
+    let halves = smooth::penalised(&halves, &anchored(&both, 0.02), WIDTH_WAVELENGTH_PX);
+    let mids: Vec<Vec2> = sections.iter().map(Section::middle).collect();
+    let axis = |of: fn(&Vec2) -> f32| {
+        let values: Vec<f64> = mids.iter().map(|p| f64::from(of(p))).collect();
+        smooth::penalised(&values, &anchored(&weights, 0.004), wavelength_px)
+    };
+    let mids: Vec<Vec2> =
+        axis(|p| p.x).into_iter().zip(axis(|p| p.y)).map(|(x, y)| Vec2::new(x as f32, y as f32)).collect();
+    let readings: Vec<f64> = sections.iter().map(|s| f64::from(s.measured.readings)).collect();
+    let mean = readings.iter().sum::<f64>() / readings.iter().filter(|r| **r > 0.0).count().max(1) as f64;
+    let readings: Vec<f64> = readings.iter().map(|r| r / mean.max(1.0)).collect();
+    let depths: Vec<f64> =
+        sections.iter().map(|s| f64::from(s.measured.depth_m.unwrap_or(s.expected.depth_m))).collect();
+    let depths = smooth::penalised(&depths, &anchored(&readings, 0.002), DEPTH_WAVELENGTH_PX);
+    let slopes = slopes(sections);
+    let tolerance = tolerance_m(mask);
+    for i in 0..n {
+        let expected = Expected {
+            mid: mids[i],
+            across: across_at(&mids, i),
+            half_px: halves[i].clamp(0.3, widest) as f32,
+            depth_m: depths[i] as f32,
+            slope_m: slopes[i],
+            tolerance_m: tolerance,
+            search_px: 2.0,
+        };
+        sections[i] = Section { expected, measured: expected.measure(mask) };
+    }
+}
+
+/// Slope of depth across, fitted in a window along the ribbon.
+fn slopes(sections: &[Section]) -> Vec<f32> {
+    // What a slope is expected to be against the noise of one reading (1 px to the side, 0.4 mm of
+    // noise, 0.6 mm a px of slope): keeps the fit calm where there are but a few pixels.
+    const RIDGE: f32 = 0.5;
+    let half = (3.0 * SLOPE_WINDOW_PX) as usize;
+    (0..sections.len())
+        .map(|i| {
+            let (mut ta, mut tt) = (0.0, RIDGE);
+            let first = i.saturating_sub(half);
+            let window = &sections[first..(i + half + 1).min(sections.len())];
+            for (k, Section { expected, measured }) in window.iter().enumerate() {
+                let away = ((first + k) as f32 - i as f32) / SLOPE_WINDOW_PX;
+                let weight = (-0.5 * away * away).exp();
+                let [moment, square] = measured.slope_moments;
+                // The moments are those of what was left over the slope expected then.
+                ta += weight * (moment + expected.slope_m * square);
+                tt += weight * square;
+            }
+            ta / tt
+        })
+        .collect()
+}
+
+/// Whether most of what is seen of `ribbon` is `longer`'s.
+fn covers(longer: &Ribbon, ribbon: &Ribbon, mask: &Mask) -> bool {
+    let tolerance = 3.0 * tolerance_m(mask);
+    let within = |section: &&Section| {
+        longer.sections.iter().any(|other| {
+            let distance = other.expected.mid.distance(section.expected.mid);
+            let near = distance < other.expected.half_px.max(1.0) + 0.5;
+            near && (other.expected.depth_m - section.expected.depth_m).abs() < tolerance
+        })
+    };
+    let clear = || ribbon.sections.iter().filter(|section| section.edges_seen() > 0);
+    2 * clear().filter(within).count() > clear().count()
+}
