@@ -1,4 +1,4 @@
-//! Prints how true the capture is, family by family: `accuracy [clips] [first seed]`.
+//! Prints how true the capture is, family by family: `accuracy [clips] [first seed] [family]...`.
 
 use capture_daemon::session::SessionParams;
 use capture_daemon::synth::accuracy::{BladeError, ClipResult, measure, quantile};
@@ -10,7 +10,10 @@ fn main() {
     println!(
         "family     exact  length p50/p95  width p50/p95  midrib p50  Hausdorff p95   inexact seeds (found/truth)"
     );
-    for family in FAMILIES {
+    let named: Vec<String> =
+        std::env::args().skip(1).filter(|argument| argument.parse::<u64>().is_err()).collect();
+    let wanted = |name: &str| named.is_empty() || named.iter().any(|it| it == name);
+    for family in FAMILIES.into_iter().filter(|family| wanted(family.name())) {
         let clip = |seed| ClipParams { frames: Scene::new(family, seed).frames(), ..ClipParams::default() };
         let results: Vec<ClipResult> = (first..first + clips)
             .map(|seed| {

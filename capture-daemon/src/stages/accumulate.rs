@@ -20,6 +20,8 @@ pub struct Accumulation {
     squares: Vec<u64>,
     /// Metres of one count of the last frame.
     depth_unit_m: f64,
+    /// Focal length of the camera, pixels.
+    pub(super) focal_px: f32,
 }
 
 impl Accumulation {
@@ -35,6 +37,7 @@ impl Accumulation {
             sum: vec![0; pixels],
             squares: vec![0; pixels],
             depth_unit_m: frame.depth_unit_m,
+            focal_px: frame.camera.fx as f32,
         }
     }
 

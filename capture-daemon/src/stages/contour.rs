@@ -154,6 +154,7 @@ mod tests {
             region: [0, 0, width, height],
             frames: 8,
             depth_m: vec![0.5; occupancy.len()],
+            hand: vec![false; occupancy.len()],
             unseen: vec![false; occupancy.len()],
             depth_noise_m: 0.0,
             blobs: one_region(&occupancy, width, height),

@@ -2,6 +2,7 @@
 //! connected blobs in it.
 
 use super::accumulate::Accumulation;
+use super::hand::{self, HandParams};
 use crate::frame::DepthFrame;
 
 /// What counts as held before the camera.
@@ -151,6 +152,8 @@ pub struct Mask {
     pub depth_m: Vec<f32>,
     /// Noise of that mean, metres, one standard deviation.
     pub depth_noise_m: f32,
+    /// The hand and forearm that hold the blades; they are in no region.
+    pub hand: Vec<bool>,
     /// Connected regions, from the largest to the smallest.
     pub blobs: Labels,
     /// Parts of blobs without a step in depth.
@@ -171,6 +174,8 @@ impl Mask {
     }
 }
 
+/// Hands are among so many of the largest blobs.
+const MAX_HANDS: usize = 4;
 /// A pixel at least this often occupied is part of a blob's body.
 const BODY_OCCUPANCY: f32 = 0.5;
 /// A pixel at least this often occupied can belong to a blob's fringe: a tip thinner than a pixel is
@@ -198,13 +203,29 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         unseen,
         depth_m,
         depth_noise_m: 0.0,
+        hand: Vec::new(),
         blobs: Labels::none(width * height),
         pieces: Labels::none(width * height),
     };
     bridge_gaps(&mut mask, params.bridge_px);
+    mask.hand = vec![false; width * height];
     label_bodies(&mut mask, params.min_area_px);
     mask.depth_noise_m = depth_noise_m(&mask);
     label_pieces(&mut mask, accumulation);
+    // A hand stands before what it holds: it is a piece of its own, or a part of one.
+    let mut largest: Vec<Region> = mask.pieces.regions.clone();
+    largest.sort_by_key(|region| (std::cmp::Reverse(region.area_px), region.label));
+    for Region { label, .. } in largest.into_iter().take(MAX_HANDS) {
+        let of_piece = |index: usize| mask.pieces.of[index] == label;
+        let hand = hand::find(&mask, of_piece, accumulation.focal_px, &HandParams::default());
+        mask.hand.iter_mut().zip(hand).for_each(|(all, one)| *all |= one);
+    }
+    if mask.hand.contains(&true) {
+        mask.blobs = Labels::none(width * height);
+        mask.pieces = Labels::none(width * height);
+        label_bodies(&mut mask, params.min_area_px);
+        label_pieces(&mut mask, accumulation);
+    }
     mask.blobs.grow_fringes(mask.width, mask.region, &mask.occupancy, &mask.depth_m);
     mask.pieces.grow_fringes(mask.width, mask.region, &mask.occupancy, &mask.depth_m);
     mask
@@ -295,11 +316,20 @@ fn components(
 }
 
 fn label_bodies(mask: &mut Mask, min_area_px: usize) {
-    let body = |index: usize| mask.occupancy[index] >= BODY_OCCUPANCY;
+    let body = |index: usize| mask.occupancy[index] >= BODY_OCCUPANCY && !mask.hand[index];
     let surface = |a: usize, b: usize| agree(mask.depth_m[a], mask.depth_m[b]);
     let mut found = components(mask, body, surface);
     found.retain(|pixels| pixels.len() >= min_area_px);
     found.sort_by_key(|pixels| (std::cmp::Reverse(pixels.len()), pixels[0]));
+    // Knuckles stand out from the hand, but not far.
+    if mask.hand.contains(&true) {
+        let from_hand = hand::chamfer(mask, |index| mask.hand[index]);
+        found.retain(|pixels| {
+            let far = pixels.iter().map(|index| from_hand[*index as usize]).max().unwrap_or(0);
+            let near = pixels.iter().map(|index| from_hand[*index as usize]).min().unwrap_or(u32::MAX);
+            near > 48 || far > 12 * 28
+        });
+    }
     mask.blobs.number(&found);
 }
 

@@ -6,6 +6,7 @@
 pub mod accumulate;
 pub mod blade;
 pub mod contour;
+pub mod hand;
 mod join;
 pub mod lift;
 pub mod mask;

@@ -122,6 +122,10 @@ fn walk(
     };
     // The end of a single blade need not be its lowest pixel: it can sag between its ends. The ends
     // of a tuft are two of its tips: its root is what is lowest.
+    let grip = blob.beside(|index| mask.hand.get(index) == Some(&true), mask.width);
+    if grip.len() >= MIN_BORDER_PX {
+        return Some(walk(&grip));
+    }
     let border = blob.longest_border_run(mask.region);
     if border.len() >= MIN_BORDER_PX {
         return Some(walk(&border));
@@ -281,6 +285,17 @@ impl Blob {
         Some(Self { bounds, width: x1 - x0, body })
     }
 
+    /// The pixels that touch what is `other` in the image.
+    fn beside(&self, other: impl Fn(usize) -> bool, image_width: usize) -> Vec<usize> {
+        let [x0, y0, ..] = self.bounds;
+        let touches = |index: &usize| {
+            let (x, y) = (x0 + index % self.width, y0 + index / self.width);
+            (y.saturating_sub(2)..=y + 2)
+                .any(|v| (x.saturating_sub(2)..=x + 2).any(|u| u < image_width && other(v * image_width + u)))
+        };
+        (0..self.body.len()).filter(|index| self.body[*index]).filter(touches).collect()
+    }
+
     fn distance_from(&self, roots: &[usize]) -> Field {
         Field { bounds: self.bounds, twelfths: distances(&self.body, self.width, roots) }
     }
@@ -391,6 +406,7 @@ mod tests {
             region: [0, 0, width, height],
             frames: 1,
             depth_m: vec![0.5; occupancy.len()],
+            hand: vec![false; occupancy.len()],
             unseen: vec![false; occupancy.len()],
             depth_noise_m: 0.0,
             blobs: one_region(&occupancy, width, height),

@@ -264,6 +264,9 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
         if !(x >= x0 && y >= y0 && x <= x1 - 1.0 && y <= y1 - 1.0) {
             break End::Shared;
         }
+        if mask.index_at(expected.mid).is_some_and(|index| mask.hand[index]) {
+            break End::Shared;
+        }
         let mut section = Section { expected, measured: expected.measure(mask) };
         match section.measured.middle {
             Middle::Blade if coasted >= 4 && !fits(&section) => hidden += 1,
