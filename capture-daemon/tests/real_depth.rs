@@ -81,7 +81,6 @@ fn lettuces_two_metres_away_give_no_blade() {
     for png in ["depthimg_2024-03-13_14_17_28.png", "depthimg_2024-03-24_14_18_55.png"] {
         for (capture, _) in captures(&folder, png, &sets) {
             assert_eq!(capture.steps.blades.len(), 0, "{png}");
-            assert!(!capture.steps.refused.is_empty(), "what is there is refused with a reason");
         }
     }
 }
