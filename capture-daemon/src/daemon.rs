@@ -39,7 +39,7 @@ async fn serve(config: &Config) -> anyhow::Result<()> {
     let generation = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |now| now.as_micros() as u64);
     let status = Status {
         state: "waiting".to_owned(),
-        generation: generation.cast_signed(),
+        generation: 0,
         blades: 0,
         frames: 0,
         captures: 0,

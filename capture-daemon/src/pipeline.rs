@@ -72,10 +72,13 @@ pub fn capture(
         ribbons.iter().filter_map(|ribbon| skeleton::trace(&mask, ribbon)).collect();
     let lifted: Vec<Lifted> = skeletons.iter().map(|skeleton| lift::lift(&mask, skeleton, camera)).collect();
 
-    let mut refused: Vec<Refusal> =
-        lifted.iter().filter_map(|lifted| blade::accept(lifted, &params.accept).err()).collect();
-    let mut accepted: Vec<&Lifted> =
-        lifted.iter().filter(|lifted| blade::accept(lifted, &params.accept).is_ok()).collect();
+    let (mut accepted, mut refused) = (Vec::new(), Vec::new());
+    for lifted in &lifted {
+        match blade::accept(lifted, &params.accept) {
+            Ok(()) => accepted.push(lifted),
+            Err(reason) => refused.push(reason),
+        }
+    }
     accepted.sort_by(|a, b| a.root_x_m().total_cmp(&b.root_x_m()));
     let mut blades = Vec::new();
     for lifted in accepted {

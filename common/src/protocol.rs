@@ -28,7 +28,7 @@ pub struct Library {
 pub struct Status {
     /// `waiting`, `settling` or `captured`.
     pub state: String,
-    /// Generation of the newest library.
+    /// Generation of the newest library; 0 before the first.
     pub generation: i64,
     /// Blades in it.
     pub blades: i64,

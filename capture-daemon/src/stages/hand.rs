@@ -21,8 +21,8 @@ impl Default for HandParams {
 }
 
 /// Finds the pixels of hands: those near to where what is seen is thick, where that reaches the
-/// border of the region. `body`: whether a pixel is of the blob that is looked at. All `false` where there is no hand.
-/// O(pixels).
+/// border of the region. `body`: whether a pixel is of the piece that is looked at. All `false` where
+/// there is no hand. O(pixels).
 pub(super) fn find(
     mask: &Mask,
     body: impl Fn(usize) -> bool,
@@ -45,16 +45,16 @@ pub(super) fn find(
         return none;
     }
     let from_core = chamfer(mask, thick);
-    let reach = |index: usize, extra_m: f32| {
+    let reach = |index: usize| {
         inside(index)
             && body(index)
-            && from_core[index] as f32 <= 12.0 * (params.min_radius_m + extra_m) * px_per_m(index)
+            && from_core[index] as f32 <= 12.0 * params.min_radius_m * px_per_m(index)
     };
     // Each connected part of what is thick has to reach the border by itself.
     let mut hand = none.clone();
     let mut seen = none;
     for start in 0..hand.len() {
-        if seen[start] || !reach(start, 0.0) {
+        if seen[start] || !reach(start) {
             continue;
         }
         seen[start] = true;
@@ -71,7 +71,7 @@ pub(super) fn find(
             for v in y.saturating_sub(1)..(y + 2).min(mask.height) {
                 for u in x.saturating_sub(1)..(x + 2).min(mask.width) {
                     let other = v * mask.width + u;
-                    if !seen[other] && reach(other, 0.0) {
+                    if !seen[other] && reach(other) {
                         seen[other] = true;
                         part.push(other);
                     }

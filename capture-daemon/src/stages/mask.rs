@@ -174,7 +174,7 @@ impl Mask {
     }
 }
 
-/// Hands are among so many of the largest blobs.
+/// Hands are among so many of the largest pieces.
 const MAX_HANDS: usize = 4;
 /// A pixel at least this often occupied is part of a blob's body.
 const BODY_OCCUPANCY: f32 = 0.5;
@@ -203,12 +203,11 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         unseen,
         depth_m,
         depth_noise_m: 0.0,
-        hand: Vec::new(),
+        hand: vec![false; width * height],
         blobs: Labels::none(width * height),
         pieces: Labels::none(width * height),
     };
     bridge_gaps(&mut mask, params.bridge_px);
-    mask.hand = vec![false; width * height];
     label_bodies(&mut mask, params.min_area_px);
     mask.depth_noise_m = depth_noise_m(&mask);
     label_pieces(&mut mask, accumulation);

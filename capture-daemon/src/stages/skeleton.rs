@@ -35,8 +35,6 @@ pub struct Skeleton {
     pub stations: Vec<Station>,
     /// Length of the midrib in the image, pixels.
     pub length_px: f32,
-    /// Whether its tip is seen as such.
-    pub tip_seen: bool,
 }
 
 /// Half-height wavelength of the smoothing of widths along the midrib, pixels.
@@ -71,7 +69,7 @@ pub fn trace(mask: &Mask, ribbon: &Ribbon) -> Option<Skeleton> {
         pointed_root: root.is_some_and(|end| end.pointed),
         pointed_tip: tip.is_some_and(|end| end.pointed),
     };
-    (sections.len() >= 8).then(|| finished(&sections, &ends, ribbon.tip == End::Free))
+    (sections.len() >= 8).then(|| finished(&sections, &ends))
 }
 
 /// Where root and tip are, in sections from the first, which may lie outside of them.
@@ -137,7 +135,7 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
     Found { back, length: length.min(widths.len() as f32 + 0.4 * width), pointed }
 }
 
-fn finished(sections: &[Section], ends: &Ends, tip_seen: bool) -> Skeleton {
+fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     let n = sections.len();
     // Sections within this many of an end are cut off by it and say little about the width.
     let lean = 2.0;
@@ -223,5 +221,5 @@ fn finished(sections: &[Section], ends: &Ends, tip_seen: bool) -> Skeleton {
         let tip = &mut stations[STATIONS - 1];
         (tip.left_px, tip.right_px) = (0.0, 0.0);
     }
-    Skeleton { stations, length_px, tip_seen }
+    Skeleton { stations, length_px }
 }

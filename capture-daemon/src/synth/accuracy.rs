@@ -156,8 +156,58 @@ fn mean_distance(a: &[Vec3], b: &[Vec3]) -> f32 {
     0.5 * (one_way(a, b) + one_way(b, a))
 }
 
+/// What became of some clips.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// Clips.
+    pub clips: usize,
+    /// Seeds of those that are not exact.
+    pub inexact: Vec<u64>,
+    /// Half of the matched blades have smaller errors.
+    pub median: BladeError,
+    /// 95 % of the matched blades have smaller errors.
+    pub p95: BladeError,
+}
+
+impl Summary {
+    /// The summary of some clips.
+    pub fn of(results: &[ClipResult]) -> Self {
+        let at = |share| {
+            let error = |of: fn(&BladeError) -> f32| {
+                quantile(results.iter().flat_map(|result| &result.matched).map(of).collect(), share)
+            };
+            BladeError {
+                length: error(|e| e.length),
+                max_width: error(|e| e.max_width),
+                midrib_m: error(|e| e.midrib_m),
+                hausdorff_m: error(|e| e.hausdorff_m),
+            }
+        };
+        let inexact = results.iter().filter(|result| !result.is_exact()).map(|result| result.seed).collect();
+        Self { clips: results.len(), inexact, median: at(0.5), p95: at(0.95) }
+    }
+}
+
+impl std::fmt::Display for Summary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { clips, inexact, median, p95 } = self;
+        let exact = 1e2 * (clips - inexact.len()) as f64 / (*clips).max(1) as f64;
+        write!(
+            f,
+            "exact {exact:4.0} %  length {:4.1} / {:4.1} %  width {:4.1} / {:4.1} %  midrib {:4.2} mm  Hausdorff {:5.1} mm",
+            1e2 * median.length,
+            1e2 * p95.length,
+            1e2 * median.max_width,
+            1e2 * p95.max_width,
+            1e3 * median.midrib_m,
+            1e3 * p95.hausdorff_m,
+        )?;
+        if inexact.is_empty() { Ok(()) } else { write!(f, "  inexact seeds {inexact:?}") }
+    }
+}
+
 /// The value below which `share` (0..=1) of `values` lie; 0 for none.
-pub fn quantile(mut values: Vec<f32>, share: f32) -> f32 {
+fn quantile(mut values: Vec<f32>, share: f32) -> f32 {
     values.sort_by(f32::total_cmp);
     let last = values.len().saturating_sub(1);
     values.get((share * last as f32).round() as usize).copied().unwrap_or(0.0)
