@@ -29,15 +29,20 @@ impl Drop for Screen {
 
 impl Screen {
     fn start(folder: &Path) -> Self {
-        let number = 100 + std::process::id() % 30_000;
-        let mut command = Command::new("Xvfb");
+        // The server chooses a free display and says which once its screen is there, not before.
+        let said = folder.join("display");
+        let mut command = Command::new("sh");
+        command.args(["-c", r#"exec Xvfb -displayfd 3 "$@" 3>"$0""#]).arg(&said);
         let screen = format!("{WIDTH}x{HEIGHT}x24");
-        command.arg(format!(":{number}")).args(["-screen", "0", &screen, "-nolisten", "tcp", "-fbdir"]);
-        command.arg(folder);
-        let server = Running::start(command);
-        let server = server.wait_for_socket(Path::new(&format!("/tmp/.X11-unix/X{number}")));
+        command.args(["-screen", "0", &screen, "-nolisten", "tcp", "-fbdir"]).arg(folder);
+        let mut server = Running::start(command);
+        let number = wait_for(DEADLINE, || {
+            assert_eq!(server.ended(), None, "the server runs");
+            let number = std::fs::read_to_string(&said).ok()?;
+            number.strip_suffix('\n').map(str::to_owned)
+        });
+        let number = number.expect("the server says its display");
         let file = folder.join("Xvfb_screen0");
-        wait_for(DEADLINE, || file.exists().then_some(())).expect("the server keeps its screen in a file");
         Self { display: format!(":{number}"), file, server }
     }
 
