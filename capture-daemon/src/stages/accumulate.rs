@@ -13,8 +13,6 @@ use crate::frame::DepthFrame;
 const PARTS: f32 = 16.0;
 /// The sum of so many readings fits.
 const MAX_FRAMES: u32 = 4095;
-/// Less than this many pixels are no motion, but the noise of finding one.
-const STILL_PX: f32 = 0.2;
 
 /// Frames added up while what is held stands still.
 #[derive(Clone, Debug, PartialEq)]
@@ -109,7 +107,7 @@ impl Accumulation {
             First::Frame(_) | First::Vague => self.add_still(frame, &window, region),
             First::Reference(reference) => match reference.motion_to(frame, region, &window) {
                 None => {}
-                Some(motion) if reference.shift_px(&motion) < STILL_PX => {
+                Some(motion) if reference.is_still(&motion) => {
                     self.add_still(frame, &window, region);
                 }
                 Some(motion) => self.add_moved(frame, &window, region, &motion),
@@ -161,11 +159,9 @@ impl Accumulation {
                 }
                 let here = Vec3::new((x as f32 - cx) / fx, (y as f32 - cy) / fy, 1.0) * z;
                 let there = motion.apply(here);
-                let u = (fx * there.x / there.z + cx + 0.5).floor();
-                let v = (fy * there.y / there.z + cy + 0.5).floor();
-                if !(u >= x0 as f32 && v >= y0 as f32 && u < x1 as f32 && v < y1 as f32) {
-                    continue;
-                }
+                // What the border cuts off goes on beyond it as far as we know.
+                let u = (fx * there.x / there.z + cx + 0.5).floor().clamp(x0 as f32, x1 as f32 - 1.0);
+                let v = (fy * there.y / there.z + cy + 0.5).floor().clamp(y0 as f32, y1 as f32 - 1.0);
                 let counts = frame.depth[v as usize * self.width + u as usize];
                 if window.contains(&counts) {
                     let parts = f32::from(counts) * PARTS - (there.z - here.z) * parts_per_m;

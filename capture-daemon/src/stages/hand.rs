@@ -1,7 +1,7 @@
 //! The hand and forearm that hold the blades: told from them by their thickness and by their way to
 //! the border of the picture.
 
-use super::mask::Mask;
+use super::mask::{self, Mask};
 
 /// What is a hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,89 +10,200 @@ pub struct HandParams {
     pub min_radius_m: f32,
     /// How far fingers stand out from what is that thick, metres.
     pub finger_m: f32,
+    /// What reaches farther out than this from what is thick is a blade, metres.
+    pub blade_m: f32,
     /// Width, metres, that a forearm has at least where it leaves the picture.
     pub min_border_m: f32,
 }
 
 impl Default for HandParams {
     fn default() -> Self {
-        Self { min_radius_m: 0.021, finger_m: 0.010, min_border_m: 0.025 }
+        Self { min_radius_m: 0.021, finger_m: 0.010, blade_m: 0.035, min_border_m: 0.025 }
     }
 }
 
-/// Finds the pixels of hands: those near to where what is seen is thick, where that reaches the
-/// border of the region. `body`: whether a pixel is of the piece that is looked at. All `false` where
-/// there is no hand. O(pixels).
-pub(super) fn find(
-    mask: &Mask,
-    body: impl Fn(usize) -> bool,
-    focal_px: f32,
-    params: &HandParams,
-) -> Vec<bool> {
-    let [x0, y0, x1, y1] = mask.region;
-    let none = vec![false; mask.depth_m.len()];
-    let px_per_m = |index: usize| focal_px / mask.depth_m[index].max(0.1);
-    let inside = |index: usize| {
-        let (x, y) = (index % mask.width, index / mask.width);
-        (x0..x1).contains(&x) && (y0..y1).contains(&y)
-    };
-    // What is thick goes on beyond the border as far as we know.
-    let depth_in = chamfer(mask, |index| inside(index) && !body(index));
-    let thick = |index: usize| {
-        inside(index) && body(index) && depth_in[index] as f32 >= 12.0 * params.min_radius_m * px_per_m(index)
-    };
-    if !(0..none.len()).any(thick) {
-        return none;
+/// Finds the pixels of hands. All `false` where there is no hand. O(pixels).
+///
+/// What is connected without a large step in depth is a body. Its thick parts, where these reach the
+/// border of the region, and what stands out from them by no more than a finger, are hand. Pieces tell
+/// what belongs together: a piece that lies mostly there is hand as a whole, knuckles and all, unless
+/// something long grows out of it; one that lies mostly elsewhere is a blade that the hand grips.
+pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool> {
+    let mut hand = vec![false; mask.depth_m.len()];
+    let view = View { mask, focal_px };
+    let bodies = view.bodies();
+    let thick = view.thick(&bodies, params);
+    if !thick.contains(&true) {
+        return hand;
     }
-    let from_core = chamfer(mask, thick);
-    let reach = |index: usize| {
-        inside(index)
-            && body(index)
-            && from_core[index] as f32 <= 12.0 * params.min_radius_m * px_per_m(index)
+    let from_thick = chamfer(mask, |index| thick[index]);
+    let beside = |index: usize, metres: f32| from_thick[index] as f32 <= 12.0 * metres * view.px_per_m(index);
+    let (pieces, count) = view.parted_pieces();
+    // Of each piece: its pixels, those near to what is thick, and whether one is far off.
+    let mut seen = vec![(0_u32, 0_u32, false); count + 1];
+    for index in view.pixels() {
+        let (all, near, long) = &mut seen[pieces[index] as usize];
+        *all += 1;
+        *near += u32::from(beside(index, params.finger_m));
+        *long |= !beside(index, params.blade_m);
+    }
+    let verdict = |(all, near, long): (u32, u32, bool)| match (near as f32 > MOSTLY * all as f32, long) {
+        (false, _) => Verdict::Blade,
+        (true, false) => Verdict::Hand,
+        (true, true) => Verdict::Both,
     };
-    // Each connected part of what is thick has to reach the border by itself.
-    let mut hand = none.clone();
-    let mut seen = none;
-    for start in 0..hand.len() {
-        if seen[start] || !reach(start) {
-            continue;
+    let mut decided: Vec<Verdict> = seen.into_iter().map(verdict).collect();
+    decided[0] = Verdict::Blade;
+    let both: Vec<bool> = pieces.iter().map(|label| decided[*label as usize] == Verdict::Both).collect();
+    if both.contains(&true) {
+        // Held against the palm, a blade is of one piece with the hand: only thickness tells them apart.
+        let depth_in = chamfer(mask, |index| view.inside(index) && !both[index] && bodies[index] == 0);
+        let core = |index: usize| {
+            both[index] && depth_in[index] as f32 >= 12.0 * params.min_radius_m * view.px_per_m(index)
+        };
+        let from_core = chamfer(mask, core);
+        let reach = params.min_radius_m + 0.5 * params.finger_m;
+        for index in 0..hand.len() {
+            hand[index] = both[index] && from_core[index] as f32 <= 12.0 * reach * view.px_per_m(index);
         }
-        seen[start] = true;
-        let mut part = vec![start];
-        let mut next = 0;
-        let mut border_m = 0.0;
-        while next < part.len() {
-            let index = part[next];
-            next += 1;
-            let (x, y) = (index % mask.width, index / mask.width);
-            if x == x0 || y == y0 || x + 1 == x1 || y + 1 == y1 {
-                border_m += 1.0 / px_per_m(index);
+    }
+    let is_blade = |index: usize| pieces[index] != 0 && decided[pieces[index] as usize] == Verdict::Blade;
+    for index in view.pixels() {
+        hand[index] |= match decided[pieces[index] as usize] {
+            _ if pieces[index] == 0 => {
+                // Crumbs between the pieces.
+                bodies[index] != 0 && beside(index, params.finger_m) && !view.around(index).any(is_blade)
             }
-            for v in y.saturating_sub(1)..(y + 2).min(mask.height) {
-                for u in x.saturating_sub(1)..(x + 2).min(mask.width) {
-                    let other = v * mask.width + u;
-                    if !seen[other] && reach(other) {
-                        seen[other] = true;
-                        part.push(other);
-                    }
+            verdict => verdict == Verdict::Hand,
+        };
+    }
+    hand
+}
+
+/// What a piece is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    Hand,
+    Blade,
+    /// A hand, and a blade that cannot be told from it by depth.
+    Both,
+}
+
+/// Neighbours of one body differ by less in depth, metres: a fist stands out so far from its wrist.
+const BODY_STEP_M: f32 = 0.06;
+/// A piece of which more than this share lies in and beside what is thick is of the hand.
+const MOSTLY: f32 = 0.7;
+/// Half the width of a neck between two pieces, twelfths of a pixel.
+const NECK: u32 = 30;
+
+struct View<'a> {
+    mask: &'a Mask,
+    focal_px: f32,
+}
+
+impl View<'_> {
+    fn px_per_m(&self, index: usize) -> f32 {
+        self.focal_px / self.mask.depth_m[index].max(0.1)
+    }
+
+    fn inside(&self, index: usize) -> bool {
+        let [x0, y0, x1, y1] = self.mask.region;
+        let (x, y) = (index % self.mask.width, index / self.mask.width);
+        (x0..x1).contains(&x) && (y0..y1).contains(&y)
+    }
+
+    fn pixels(&self) -> impl Iterator<Item = usize> + '_ {
+        let [x0, y0, x1, y1] = self.mask.region;
+        (y0..y1).flat_map(move |y| (x0..x1).map(move |x| y * self.mask.width + x))
+    }
+
+    fn around(&self, index: usize) -> impl Iterator<Item = usize> + '_ {
+        mask::neighbours(index, self.mask.width, self.mask.region)
+    }
+
+    /// The mask's pieces, parted where they hang together by a few pixels only: the label of each pixel,
+    /// 0 for none, and how many there are.
+    fn parted_pieces(&self) -> (Vec<u32>, usize) {
+        let (mask, pieces) = (self.mask, &self.mask.pieces.of);
+        let edge = |index: usize| {
+            pieces[index] == 0 || self.around(index).any(|other| pieces[other] != pieces[index])
+        };
+        let depth_in = chamfer(mask, |index| self.inside(index) && edge(index));
+        let inner = |index: usize| pieces[index] != 0 && depth_in[index] >= NECK;
+        let found = mask::components(mask, inner, |a, b| pieces[a] == pieces[b]);
+        let mut parts = vec![0; pieces.len()];
+        let mut front: Vec<usize> = Vec::new();
+        for (pixels, label) in found.iter().zip(1..) {
+            for index in pixels {
+                parts[*index as usize] = label;
+                front.push(*index as usize);
+            }
+        }
+        // Back out to the edges, each from all sides alike.
+        let mut next = 0;
+        while next < front.len() {
+            let index = front[next];
+            next += 1;
+            for other in self.around(index) {
+                if parts[other] == 0 && pieces[other] == pieces[index] {
+                    parts[other] = parts[index];
+                    front.push(other);
                 }
             }
         }
-        if border_m >= params.min_border_m {
-            part.into_iter().for_each(|index| hand[index] = true);
+        (parts, found.len())
+    }
+
+    /// Which body each pixel is of, from 1; 0 for none.
+    fn bodies(&self) -> Vec<u16> {
+        let mask = self.mask;
+        let near = |a: usize, b: usize| (mask.depth_m[a] - mask.depth_m[b]).abs() <= BODY_STEP_M;
+        let found = mask::components(mask, |index| mask.occupancy[index] >= mask::BODY_OCCUPANCY, near);
+        let mut bodies = vec![0; mask.depth_m.len()];
+        for (pixels, label) in found.iter().zip(1..=u16::MAX) {
+            pixels.iter().for_each(|index| bodies[*index as usize] = label);
         }
+        bodies
     }
-    if !hand.contains(&true) {
-        return hand;
+
+    /// What is thick, and goes on thick to the border of the region.
+    fn thick(&self, bodies: &[u16], params: &HandParams) -> Vec<bool> {
+        let mask = self.mask;
+        // A body goes on beyond the border as far as we know.
+        let outside = |index: usize| {
+            let body = bodies[index];
+            self.inside(index)
+                && (body == 0 || self.around(index).any(|other| bodies[other] != 0 && bodies[other] != body))
+        };
+        let depth_in = chamfer(mask, outside);
+        let core = |index: usize| {
+            bodies[index] != 0
+                && self.inside(index)
+                && depth_in[index] as f32 >= 12.0 * params.min_radius_m * self.px_per_m(index)
+        };
+        let mut thick = vec![false; bodies.len()];
+        if !(0..bodies.len()).any(core) {
+            return thick;
+        }
+        let from_core = chamfer(mask, core);
+        let admits = |index: usize| {
+            bodies[index] != 0 && from_core[index] as f32 <= 12.0 * params.min_radius_m * self.px_per_m(index)
+        };
+        // Each connected part has to reach the border by itself.
+        let [x0, y0, x1, y1] = mask.region;
+        for part in mask::components(mask, admits, |a, b| bodies[a] == bodies[b]) {
+            let on_border = |index: &&u32| {
+                let (x, y) = (**index as usize % mask.width, **index as usize / mask.width);
+                x == x0 || y == y0 || x + 1 == x1 || y + 1 == y1
+            };
+            let border_m: f32 =
+                part.iter().filter(on_border).map(|index| 1.0 / self.px_per_m(*index as usize)).sum();
+            if border_m >= params.min_border_m {
+                part.iter().for_each(|index| thick[*index as usize] = true);
+            }
+        }
+        thick
     }
-    let from_hand = chamfer(mask, |index| hand[index]);
-    (0..hand.len())
-        .map(|index| {
-            inside(index)
-                && body(index)
-                && from_hand[index] as f32 <= 12.0 * params.finger_m * px_per_m(index)
-        })
-        .collect()
 }
 
 /// Distance of each pixel to the nearest one that is a `seed`, twelfths of a pixel (12 straight, 17
@@ -140,4 +251,55 @@ pub(super) fn chamfer(mask: &Mask, seed: impl Fn(usize) -> bool) -> Vec<u32> {
         }
     }
     distance
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stages::accumulate::Accumulation;
+    use crate::stages::mask::{MaskParams, extract};
+    use crate::synth::{Clip, ClipParams, Family, Scene};
+
+    /// The mask of a few frames, and where the midribs of what is seen of the blades run in it.
+    fn seen(family: Family, seed: u64) -> (Mask, Vec<Vec<usize>>) {
+        let scene = Scene::new(family, seed);
+        let clip = ClipParams { frames: scene.frames(), ..ClipParams::default() };
+        let clip = Clip::new(scene, clip).expect("valid");
+        let start = clip.visits().first().map_or(0, |visit| visit.held.start);
+        let first = clip.frame(start);
+        let (params, mut frames) = (MaskParams::default(), Accumulation::like(&first));
+        (start..start + 8).for_each(|index| frames.add(&clip.frame(index), &params));
+        let mask = extract(&frames, &params);
+        let pixel = |center: glam::DVec3| {
+            let (u, v) = first.camera.project(center.as_vec3());
+            v.round() as usize * first.width + u.round() as usize
+        };
+        let midrib = |blade: &crate::synth::SyntheticBlade| {
+            blade.sections.iter().map(|section| pixel(section.center)).collect()
+        };
+        let midribs = clip.scene().blades.iter().map(midrib).collect();
+        (mask, midribs)
+    }
+
+    #[test]
+    fn a_hand_is_all_hand_and_blades_are_none_of_it() {
+        for seed in [21, 22, 23, 24] {
+            let (mask, _) = seen(Family::Hand, seed);
+            assert!(mask.hand.contains(&true) && mask.blobs.regions.is_empty(), "hand {seed}");
+            let (mask, midribs) = seen(Family::Held, seed);
+            for midrib in midribs {
+                // The root is where the hand ends: near to it either may be said.
+                let above = &midrib[midrib.len() / 10..];
+                let taken = above.iter().filter(|index| mask.hand[**index]).count();
+                assert!(50 * taken <= above.len(), "held {seed}: {taken} of {}", above.len());
+            }
+        }
+    }
+
+    #[test]
+    fn without_a_hand_nothing_is_hand() {
+        for family in [Family::Single, Family::Row, Family::Fan, Family::Crossing] {
+            assert!(!seen(family, 7).0.hand.contains(&true), "{family:?}");
+        }
+    }
 }

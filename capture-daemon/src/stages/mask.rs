@@ -174,10 +174,8 @@ impl Mask {
     }
 }
 
-/// Hands are among so many of the largest pieces.
-const MAX_HANDS: usize = 4;
 /// A pixel at least this often occupied is part of a blob's body.
-const BODY_OCCUPANCY: f32 = 0.5;
+pub(super) const BODY_OCCUPANCY: f32 = 0.5;
 /// A pixel at least this often occupied can belong to a blob's fringe: a tip thinner than a pixel is
 /// seen in a few frames only.
 const FRINGE_OCCUPANCY: f32 = 0.1;
@@ -211,14 +209,7 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
     label_bodies(&mut mask, params.min_area_px);
     mask.depth_noise_m = depth_noise_m(&mask);
     label_pieces(&mut mask, accumulation);
-    // A hand stands before what it holds: it is a piece of its own, or a part of one.
-    let mut largest: Vec<Region> = mask.pieces.regions.clone();
-    largest.sort_by_key(|region| (std::cmp::Reverse(region.area_px), region.label));
-    for Region { label, .. } in largest.into_iter().take(MAX_HANDS) {
-        let of_piece = |index: usize| mask.pieces.of[index] == label;
-        let hand = hand::find(&mask, of_piece, accumulation.focal_px, &HandParams::default());
-        mask.hand.iter_mut().zip(hand).for_each(|(all, one)| *all |= one);
-    }
+    mask.hand = hand::find(&mask, accumulation.focal_px, &HandParams::default());
     if mask.hand.contains(&true) {
         mask.blobs = Labels::none(width * height);
         mask.pieces = Labels::none(width * height);
@@ -274,7 +265,7 @@ fn bridge_gaps(mask: &mut Mask, longest: usize) {
     }
 }
 
-fn neighbours(index: usize, width: usize, region: [usize; 4]) -> impl Iterator<Item = usize> {
+pub(super) fn neighbours(index: usize, width: usize, region: [usize; 4]) -> impl Iterator<Item = usize> {
     let [x0, y0, x1, y1] = region;
     let (x, y) = (index % width, index / width);
     let rows = y.saturating_sub(1).max(y0)..(y + 2).min(y1);
@@ -284,7 +275,7 @@ fn neighbours(index: usize, width: usize, region: [usize; 4]) -> impl Iterator<I
 
 /// Connected components of the pixels of the region that `admits` lets in, over those neighbours that
 /// are `connected`; in the order of their first pixels.
-fn components(
+pub(super) fn components(
     mask: &Mask,
     admits: impl Fn(usize) -> bool,
     connected: impl Fn(usize, usize) -> bool,
