@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 
 use glam::Vec3;
 
-use super::mask::MaskParams;
+use super::mask::{self, MaskParams};
 use super::register::{Motion, Reference};
 use crate::frame::DepthFrame;
 
@@ -120,17 +120,21 @@ impl Accumulation {
         let [x0, y0, x1, y1] = region;
         for y in y0..y1 {
             let row = y * self.width + x0..y * self.width + x1;
-            let counters = self.hits[row.clone()].iter_mut().zip(&mut self.silent[row.clone()]);
+            let readings = &frame.depth[row.clone()];
+            for (silent, counts) in self.silent[row.clone()].iter_mut().zip(readings) {
+                *silent += u16::from(*counts == 0);
+            }
+            if mask::count(readings, window) == 0 {
+                continue;
+            }
             let sums = self.sum[row.clone()].iter_mut().zip(&mut self.squares[row.clone()]);
-            for ((counts, (hits, silent)), (sum, squares)) in frame.depth[row].iter().zip(counters).zip(sums)
+            for ((counts, hits), (sum, squares)) in readings.iter().zip(&mut self.hits[row.clone()]).zip(sums)
             {
                 if window.contains(counts) {
                     let parts = u32::from(*counts) * PARTS as u32;
                     *hits += 1;
                     *sum += parts;
                     *squares += u64::from(parts) * u64::from(parts);
-                } else if *counts == 0 {
-                    *silent += 1;
                 }
             }
         }
@@ -174,6 +178,24 @@ impl Accumulation {
                 }
             }
         }
+    }
+
+    /// Bounding box of all pixels of a region that were ever within the window, `[x0, y0, x1, y1]`, half
+    /// open.
+    pub(super) fn bounds(&self, [x0, y0, x1, y1]: [usize; 4]) -> [usize; 4] {
+        let mut bounds: Option<[usize; 4]> = None;
+        for y in y0..y1 {
+            let row = &self.hits[y * self.width + x0..y * self.width + x1];
+            // Most rows are empty, and this tells it fastest.
+            if row.iter().fold(0, |all, hits| all | hits) == 0 {
+                continue;
+            }
+            let first = x0 + row.iter().position(|hits| *hits > 0).unwrap_or(0);
+            let end = x0 + row.iter().rposition(|hits| *hits > 0).map_or(0, |last| last + 1);
+            let [left, top, right, _] = bounds.unwrap_or([first, y, end, y]);
+            bounds = Some([left.min(first), top, right.max(end), y + 1]);
+        }
+        bounds.unwrap_or([x0, y0, x0, y0])
     }
 
     /// Mean depth of a pixel, metres; 0 where it was never within the window.

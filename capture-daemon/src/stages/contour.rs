@@ -152,6 +152,7 @@ mod tests {
             width,
             height,
             region: [0, 0, width, height],
+            seen: [0, 0, width, height],
             frames: 8,
             depth_m: vec![0.5; occupancy.len()],
             hand: vec![false; occupancy.len()],

@@ -54,8 +54,11 @@ pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool>
     };
     let mut decided: Vec<Verdict> = seen.into_iter().map(verdict).collect();
     decided[0] = Verdict::Blade;
-    let both: Vec<bool> = pieces.iter().map(|label| decided[*label as usize] == Verdict::Both).collect();
-    if both.contains(&true) {
+    let mut both = vec![false; hand.len()];
+    if decided.contains(&Verdict::Both) {
+        for index in view.pixels() {
+            both[index] = decided[pieces[index] as usize] == Verdict::Both;
+        }
         // Held against the palm, a blade is of one piece with the hand: only thickness tells them apart.
         let depth_in = chamfer(mask, |index| view.inside(index) && !both[index] && bodies[index] == 0);
         let core = |index: usize| {
@@ -63,7 +66,7 @@ pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool>
         };
         let from_core = chamfer(mask, core);
         let reach = params.min_radius_m + 0.5 * params.finger_m;
-        for index in 0..hand.len() {
+        for index in view.pixels() {
             hand[index] = both[index] && from_core[index] as f32 <= 12.0 * reach * view.px_per_m(index);
         }
     }
@@ -112,9 +115,8 @@ impl View<'_> {
         (x0..x1).contains(&x) && (y0..y1).contains(&y)
     }
 
-    fn pixels(&self) -> impl Iterator<Item = usize> + '_ {
-        let [x0, y0, x1, y1] = self.mask.region;
-        (y0..y1).flat_map(move |y| (x0..x1).map(move |x| y * self.mask.width + x))
+    fn pixels(&self) -> impl Iterator<Item = usize> + use<> {
+        self.mask.pixels_seen()
     }
 
     fn around(&self, index: usize) -> impl Iterator<Item = usize> + '_ {
@@ -182,7 +184,7 @@ impl View<'_> {
                 && depth_in[index] as f32 >= 12.0 * params.min_radius_m * self.px_per_m(index)
         };
         let mut thick = vec![false; bodies.len()];
-        if !(0..bodies.len()).any(core) {
+        if !self.pixels().any(core) {
             return thick;
         }
         let from_core = chamfer(mask, core);
@@ -207,47 +209,44 @@ impl View<'_> {
 }
 
 /// Distance of each pixel to the nearest one that is a `seed`, twelfths of a pixel (12 straight, 17
-/// diagonal), in two passes.
+/// diagonal), in two passes; only in and around what is seen.
 pub(super) fn chamfer(mask: &Mask, seed: impl Fn(usize) -> bool) -> Vec<u32> {
     const FAR: u32 = u32::MAX / 2;
-    let (width, height) = (mask.width, mask.height);
-    let mut distance: Vec<u32> = (0..width * height).map(|index| if seed(index) { 0 } else { FAR }).collect();
-    for y in 0..height {
-        for x in 0..width {
+    let ([x0, y0, x1, y1], width) = (mask.seen, mask.width);
+    // A pixel more all around, for what is beside the outermost ones.
+    let (x0, y0) = (x0.saturating_sub(1), y0.saturating_sub(1));
+    let (x1, y1) = ((x1 + 1).min(width), (y1 + 1).min(mask.height));
+    let mut distance = vec![0; width * mask.height];
+    let near = |distance: &[u32], index: usize, [aside, before]: [isize; 2], [first, last]: [bool; 2]| {
+        // `before`: the row that is done; `aside`: the pixel of this row that is.
+        let at = |offset: isize| distance[index.wrapping_add_signed(offset)];
+        let mut best = FAR;
+        if !first {
+            best = best.min(at(aside) + 12).min(if before == 0 { FAR } else { at(before + aside) + 17 });
+        }
+        if before != 0 {
+            best = best.min(at(before) + 12);
+            if !last {
+                best = best.min(at(before - aside) + 17);
+            }
+        }
+        best
+    };
+    let down = width as isize;
+    for y in y0..y1 {
+        for x in x0..x1 {
             let index = y * width + x;
-            let mut best = distance[index];
-            if x > 0 {
-                best = best.min(distance[index - 1] + 12);
-            }
-            if y > 0 {
-                best = best.min(distance[index - width] + 12);
-                if x > 0 {
-                    best = best.min(distance[index - width - 1] + 17);
-                }
-                if x + 1 < width {
-                    best = best.min(distance[index - width + 1] + 17);
-                }
-            }
-            distance[index] = best;
+            let before = if y > y0 { -down } else { 0 };
+            let best = near(&distance, index, [-1, before], [x == x0, x + 1 == x1]);
+            distance[index] = if seed(index) { 0 } else { best };
         }
     }
-    for y in (0..height).rev() {
-        for x in (0..width).rev() {
+    for y in (y0..y1).rev() {
+        for x in (x0..x1).rev() {
             let index = y * width + x;
-            let mut best = distance[index];
-            if x + 1 < width {
-                best = best.min(distance[index + 1] + 12);
-            }
-            if y + 1 < height {
-                best = best.min(distance[index + width] + 12);
-                if x + 1 < width {
-                    best = best.min(distance[index + width + 1] + 17);
-                }
-                if x > 0 {
-                    best = best.min(distance[index + width - 1] + 17);
-                }
-            }
-            distance[index] = best;
+            let before = if y + 1 < y1 { down } else { 0 };
+            let best = near(&distance, index, [1, before], [x + 1 == x1, x == x0]);
+            distance[index] = distance[index].min(best);
         }
     }
     distance

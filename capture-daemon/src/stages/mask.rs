@@ -52,6 +52,17 @@ pub struct Presence {
     pub centroid_px: [f64; 2],
 }
 
+/// How many readings of a row lie within the window: most rows have none, and this is soon told.
+pub(super) fn count(row: &[u16], window: &std::ops::RangeInclusive<u16>) -> usize {
+    let (from, reach) = (*window.start(), window.end().saturating_sub(*window.start()));
+    if window.is_empty() {
+        return 0;
+    }
+    // Sums of 16 bits, 16 of them at a time, as the processor adds them.
+    let inside = |counts: &u16| u16::from(counts.wrapping_sub(from) <= reach);
+    row.chunks(usize::from(u16::MAX)).map(|part| usize::from(part.iter().map(inside).sum::<u16>())).sum()
+}
+
 /// Looks at one frame. O(pixels of the region).
 pub fn presence(frame: &DepthFrame, params: &MaskParams) -> Presence {
     let window = params.window(frame);
@@ -59,14 +70,13 @@ pub fn presence(frame: &DepthFrame, params: &MaskParams) -> Presence {
     let (mut area, mut sum_x, mut sum_y) = (0, 0, 0);
     for y in y0..y1 {
         let row = &frame.depth[y * frame.width + x0..y * frame.width + x1];
-        let (mut in_row, mut row_x) = (0, 0);
-        for (x, counts) in row.iter().enumerate() {
-            let inside = usize::from(window.contains(counts));
-            in_row += inside;
-            row_x += inside * x;
+        let in_row = count(row, &window);
+        if in_row == 0 {
+            continue;
         }
+        let places = row.iter().zip(x0 as u32..).filter(|(counts, _)| window.contains(counts));
+        sum_x += places.map(|(_, x)| x as usize).sum::<usize>();
         area += in_row;
-        sum_x += row_x + in_row * x0;
         sum_y += in_row * y;
     }
     let mean = |sum: usize| if area > 0 { sum as f64 / area as f64 } else { 0.0 };
@@ -142,6 +152,8 @@ pub struct Mask {
     pub height: usize,
     /// Region of interest, `[x0, y0, x1, y1]`, half open.
     pub region: [usize; 4],
+    /// Bounding box of all that was ever within the window, `[x0, y0, x1, y1]`, half open.
+    pub seen: [usize; 4],
     /// Frames behind it.
     pub frames: u32,
     /// Share of the frames in which the pixel was within the window, 0..=1; 1 where bridged.
@@ -163,9 +175,16 @@ pub struct Mask {
 impl Mask {
     /// The pixel that holds a point; `None` outside of the image.
     pub fn index_at(&self, point: glam::Vec2) -> Option<usize> {
-        let (x, y) = ((point.x + 0.5).floor(), (point.y + 0.5).floor());
+        // Where it lies inside, the casts round down.
+        let (x, y) = (point.x + 0.5, point.y + 0.5);
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
         inside.then(|| y as usize * self.width + x as usize)
+    }
+
+    /// The pixels within [`Self::seen`], row by row.
+    pub(super) fn pixels_seen(&self) -> impl Iterator<Item = usize> + use<> {
+        let ([x0, y0, x1, y1], width) = (self.seen, self.width);
+        (y0..y1).flat_map(move |y| y * width + x0..y * width + x1)
     }
 
     /// The centre of a pixel.
@@ -189,22 +208,26 @@ const FRINGE_OCCUPANCY: f32 = 0.1;
 pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
     let (width, height) = (accumulation.width, accumulation.height);
     let frames = accumulation.frames.max(1) as f32;
-    let occupancy: Vec<f32> = accumulation.hits.iter().map(|hits| f32::from(*hits) / frames).collect();
-    let depth_m = (0..occupancy.len()).map(|index| accumulation.mean_m(index)).collect();
     let unseen = accumulation.silent.iter().map(|silent| f32::from(*silent) > 0.5 * frames).collect();
+    let region = params.region(width, height);
     let mut mask = Mask {
         width,
         height,
-        region: params.region(width, height),
+        region,
+        seen: accumulation.bounds(region),
         frames: accumulation.frames,
-        occupancy,
+        occupancy: vec![0.0; width * height],
         unseen,
-        depth_m,
+        depth_m: vec![0.0; width * height],
         depth_noise_m: 0.0,
         hand: vec![false; width * height],
         blobs: Labels::none(width * height),
         pieces: Labels::none(width * height),
     };
+    for index in mask.pixels_seen() {
+        mask.occupancy[index] = f32::from(accumulation.hits[index]) / frames;
+        mask.depth_m[index] = accumulation.mean_m(index);
+    }
     bridge_gaps(&mut mask, params.bridge_px);
     label_bodies(&mut mask, params.min_area_px);
     mask.depth_noise_m = depth_noise_m(&mask);
@@ -216,8 +239,8 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         label_bodies(&mut mask, params.min_area_px);
         label_pieces(&mut mask, accumulation);
     }
-    mask.blobs.grow_fringes(mask.width, mask.region, &mask.occupancy, &mask.depth_m);
-    mask.pieces.grow_fringes(mask.width, mask.region, &mask.occupancy, &mask.depth_m);
+    mask.blobs.grow_fringes(mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
+    mask.pieces.grow_fringes(mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
     mask
 }
 
@@ -232,7 +255,7 @@ fn agree(a: f32, b: f32) -> bool {
 }
 
 fn bridge_gaps(mask: &mut Mask, longest: usize) {
-    let [x0, y0, x1, y1] = mask.region;
+    let [x0, y0, x1, y1] = mask.seen;
     let width = mask.width;
     let occupied = |index: usize| mask.occupancy[index] >= BODY_OCCUPANCY;
     let unseen = |index: usize| mask.unseen[index] && !occupied(index);
@@ -280,10 +303,9 @@ pub(super) fn components(
     admits: impl Fn(usize) -> bool,
     connected: impl Fn(usize, usize) -> bool,
 ) -> Vec<Vec<u32>> {
-    let [x0, y0, x1, y1] = mask.region;
     let mut found = Vec::new();
     let mut visited = vec![false; mask.blobs.of.len()];
-    for start in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).map(|(x, y)| y * mask.width + x) {
+    for start in mask.pixels_seen() {
         if visited[start] || !admits(start) {
             continue;
         }
@@ -293,7 +315,7 @@ pub(super) fn components(
         while next < pixels.len() {
             let index = pixels[next] as usize;
             next += 1;
-            for other in neighbours(index, mask.width, mask.region) {
+            for other in neighbours(index, mask.width, mask.seen) {
                 if !visited[other] && admits(other) && connected(index, other) {
                     visited[other] = true;
                     pixels.push(other as u32);
@@ -326,9 +348,12 @@ fn label_bodies(mask: &mut Mask, min_area_px: usize) {
 /// Noise of the mean depth, metres: from the bend of depth over three neighbouring pixels, whose
 /// variance is 1.5 times that of one pixel. A surface's own curvature is far smaller.
 fn depth_noise_m(mask: &Mask) -> f32 {
-    let mut bends: Vec<f32> = (1..mask.blobs.of.len().saturating_sub(1))
+    let mut bends: Vec<f32> = mask
+        .pixels_seen()
         .filter(|i| {
-            mask.blobs.of[*i] != 0
+            let inside = *i > 0 && i + 1 < mask.blobs.of.len();
+            inside
+                && mask.blobs.of[*i] != 0
                 && mask.blobs.of[i - 1] == mask.blobs.of[*i]
                 && mask.blobs.of[i + 1] == mask.blobs.of[*i]
         })
@@ -353,10 +378,14 @@ const MIN_PIECE_PX: usize = 24;
 fn label_pieces(mask: &mut Mask, accumulation: &Accumulation) {
     let step = fine_step_m(mask.depth_noise_m);
     // A pixel that showed one surface in some frames and another in others has a mean between both.
-    let spreads: Vec<f32> = (0..mask.blobs.of.len())
-        .map(|i| if mask.blobs.of[i] != 0 { accumulation.spread_m(i) } else { 0.0 })
-        .collect();
-    let mut typical: Vec<f32> = spreads.iter().copied().filter(|spread| *spread > 0.0).collect();
+    let mut spreads = vec![0.0; mask.blobs.of.len()];
+    let mut typical: Vec<f32> = Vec::new();
+    for index in mask.pixels_seen().filter(|index| mask.blobs.of[*index] != 0) {
+        spreads[index] = accumulation.spread_m(index);
+        if spreads[index] > 0.0 {
+            typical.push(spreads[index]);
+        }
+    }
     let middle = typical.len() / 2;
     let limit = if mask.frames >= 4 && !typical.is_empty() {
         2.2 * *typical.select_nth_unstable_by(middle, f32::total_cmp).1

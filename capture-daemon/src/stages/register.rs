@@ -46,8 +46,8 @@ impl Motion {
 }
 
 /// Two edges per row of a picture would be more than are needed.
-const MAX_EDGES: usize = 1500;
-const MAX_SURFACE: usize = 1500;
+const MAX_EDGES: usize = 700;
+const MAX_SURFACE: usize = 500;
 /// Parts wider than this are a hand, or nothing that tells how blades move, metres.
 const THIN_M: f32 = 0.040;
 /// What an edge of such a part counts.
@@ -135,7 +135,7 @@ impl Reference {
             }
             let [turn, by] = fit.solve(&motion)?;
             motion = motion.then(turn, by);
-            if turn.length() < 2e-5 && by.length() < 5e-6 {
+            if turn.length() < 1e-4 && by.length() < 2e-5 {
                 break;
             }
         }
