@@ -198,6 +198,52 @@ mod tests {
         Rectifier::new(&Distortion::new(model, coefficients).expect("known"), &CAMERA, SIZE)
     }
 
+    /// Where `cv2.initUndistortRectifyMap(K, d, None, K, (160, 120), CV_32FC1)` of OpenCV looks.
+    #[test]
+    fn opencv_looks_at_the_same_places() {
+        let check = |model, coefficients: &[f64], expected: &[(usize, usize, f64, f64)]| {
+            let distortion = Distortion::new(model, coefficients).expect("known");
+            let rectifier = Rectifier::new(&distortion, &CAMERA, SIZE);
+            for &(u, v, expected_x, expected_y) in expected {
+                let (x, y) = ((u as f64 - CAMERA.cx) / CAMERA.fx, (v as f64 - CAMERA.cy) / CAMERA.fy);
+                let (x, y) = distortion.distort(x, y);
+                let (x, y) = (x * CAMERA.fx + CAMERA.cx, y * CAMERA.fy + CAMERA.cy);
+                assert!((x - expected_x).abs() < 1e-3 && (y - expected_y).abs() < 1e-3, "{u}, {v}: {x}, {y}");
+                let nearest = expected_y.round() as usize * SIZE.0 + expected_x.round() as usize;
+                assert_eq!(rectifier.from[v * SIZE.0 + u] as usize, nearest, "{u}, {v}");
+            }
+            assert!(!rectifier.from.contains(&NOWHERE));
+        };
+        check(
+            "plumb_bob",
+            &[-0.3, 0.1, 0.002, -0.001, 0.05],
+            &[
+                (0, 0, 5.717, 4.484),
+                (159, 0, 153.287, 4.486),
+                (0, 119, 5.329, 115.211),
+                (159, 119, 153.673, 115.205),
+                (80, 61, 80.000, 61.000),
+                (40, 30, 40.791, 30.644),
+                (130, 90, 128.758, 89.318),
+                (5, 64, 7.955, 63.935),
+            ],
+        );
+        check(
+            "rational_polynomial",
+            &[0.4, -0.2, 0.001, -0.002, 0.1, 0.6, -0.15, 0.05],
+            &[
+                (0, 0, 3.690, 2.934),
+                (159, 0, 155.009, 3.062),
+                (0, 119, 3.462, 116.475),
+                (159, 119, 155.242, 116.351),
+                (80, 61, 80.000, 61.000),
+                (40, 30, 40.483, 30.405),
+                (130, 90, 129.111, 89.517),
+                (5, 64, 6.863, 63.950),
+            ],
+        );
+    }
+
     #[test]
     fn a_point_that_a_lens_bends_is_put_back() {
         let distortion = Distortion::new("plumb_bob", &[-0.3, 0.1, 0.002, -0.001, 0.0]).expect("known");

@@ -172,7 +172,8 @@ impl<R: Read + Seek> RecordReader<R> {
             // `go_to_summary`, so the data's end is the end.
             op::DATA_END | op::FOOTER => {
                 self.place = Place::End;
-                Ok(None)
+                let whole = self.ends_in(MAGIC)?;
+                if whole { Ok(None) } else { Err(self.cut_short(self.file_len)) }
             }
             // No record is of kind 0: a system that lost its power leaves zeros at a file's end.
             0 => Err(self.resume(at, "its kind is 0")?),
@@ -296,11 +297,16 @@ impl<R: Read + Seek> RecordReader<R> {
     /// Whether the file ends as one does that a system made longer and lost its power before writing:
     /// without a chunk at byte `from` or behind, and with zeros. The reader then stands anywhere.
     fn ends_in_zeros(&mut self, from: u64) -> Result<bool, std::io::Error> {
-        let mut ending = [1; 64];
-        let Some(at) = self.file_len.checked_sub(ending.len() as u64) else { return Ok(false) };
+        Ok(self.ends_in(&[0; 64])? && chunk::find(&mut self.input, from, self.file_len)?.is_none())
+    }
+
+    /// Whether these are the last bytes of the file. The reader then stands anywhere.
+    fn ends_in<const N: usize>(&mut self, bytes: &[u8; N]) -> Result<bool, std::io::Error> {
+        let Some(at) = self.file_len.checked_sub(N as u64) else { return Ok(false) };
+        let mut ending = [0; N];
         self.skip_to(at)?;
         self.input.read_exact(&mut ending)?;
-        Ok(ending == [0; 64] && chunk::find(&mut self.input, from, self.file_len)?.is_none())
+        Ok(ending == *bytes)
     }
 
     /// CRC-32 of a stretch of the file; the reader then stands anywhere.
