@@ -431,6 +431,9 @@ mod tests {
         let all_keys = check(&uncommented, &[]).expect("every documented key is known");
         assert_eq!(all_keys.camera_model().map(|camera| camera.fx), Some(570.0));
         assert!(all_keys.mask.roi.is_some() && all_keys.source.recording.is_some());
+        let given = all_keys.open_options().camera.expect("a camera");
+        assert_eq!((given.camera.cy, given.distortion.coefficients()[0]), (239.5, -0.05));
+        assert_eq!(check(&all_keys.to_toml(), &[]), Ok(all_keys));
     }
 
     #[test]
@@ -444,6 +447,13 @@ mod tests {
         assert_eq!(range, "c.toml:2:1: `refine.knots` is out of range, expected 2 to 64");
         let syntax = error("[mask\n");
         assert!(syntax.starts_with("c.toml:1:"), "{syntax}");
+        let lens = error("camera = { fx = 9, fy = 9, cx = 0, cy = 0, distortion = [1.0] }");
+        assert!(lens.starts_with("c.toml:1:44: `camera.distortion`") && lens.contains("plumb_bob"), "{lens}");
+        let alone = error("[camera]\ndistortion = [0.1, 0, 0, 0]\n");
+        assert!(
+            alone.contains("c.toml:2:1: `camera.distortion` is out of range, expected camera.fx"),
+            "{alone}"
+        );
         let order = error("mask = { near_m = 1.0, far_m = 0.5 }\n");
         assert!(order.starts_with("c.toml:1:24: `mask.far_m`"), "{order}");
         assert!(!error("x = 1\ny =\n").contains('\n'));

@@ -183,10 +183,10 @@ fn a_file_cut_at_every_byte_is_read_to_its_last_whole_image() {
     let all = [0, 1, 2].map(frame);
     let forms = [
         json!({"compression": "ZSTD"}),
-        json!({"compression": "LZ4"}),
-        json!({"compression": "NONE"}),
-        json!({"compression": "ZSTD", "chunk_size": 100}),
-        json!({"chunked": false}),
+        json!({"compression": "LZ4", "summary": false}),
+        json!({"compression": "NONE", "summary": false}),
+        json!({"compression": "ZSTD", "chunk_size": 100, "summary": false}),
+        json!({"chunked": false, "summary": false}),
     ];
     for form in forms {
         let folder = tempfile::tempdir().expect("a folder");

@@ -24,25 +24,25 @@ static ALLOCATED: peak_alloc::PeakAlloc = peak_alloc::PeakAlloc;
 
 #[test]
 fn damaged_recordings() {
-    run("damaged_recordings", 2500, recordings::case);
+    run("damaged_recordings", 600, recordings::case);
 }
 
 #[test]
 fn whole_recordings_of_damaged_messages() {
-    run("whole_recordings_of_damaged_messages", 2500, messages::case);
+    run("whole_recordings_of_damaged_messages", 500, messages::case);
 }
 
 #[test]
 fn damaged_folders() {
-    run("damaged_folders", 1500, pictures::case);
+    run("damaged_folders", 500, pictures::case);
 }
 
 #[test]
 fn damaged_configurations() {
-    run("damaged_configurations", 3000, config::case);
+    run("damaged_configurations", 800, config::case);
 }
 
 #[test]
 fn the_whole_chain_on_random_depth() {
-    run("the_whole_chain_on_random_depth", 200, chain::case);
+    run("the_whole_chain_on_random_depth", 800, chain::case);
 }

@@ -182,8 +182,8 @@ impl FrameSource for McapSource {
                 Ok(frame) => return self.frame(frame).map_err(SourceError::BadFrame),
                 Err(error @ RecordError::CutShort(_)) => {
                     self.reader = None;
-                    let what = format!("{}{error}: it is read to its last whole message", self.part());
-                    self.warn(&what);
+                    let part = self.part();
+                    self.warn(&format!("{part}cut short: {error}; it is read to its last whole message"));
                 }
                 Err(error @ RecordError::Damaged { .. }) => {
                     let what = format!("{}{error}", self.part());
