@@ -83,11 +83,12 @@ fn draw(frame: &mut DepthFrame, random: &mut Random) {
 }
 
 fn frame(random: &mut Random) -> DepthFrame {
-    let (width, height) = match random.below(40) {
-        0 => (1 + random.below(4), 1 + random.below(4)),
-        1 => (1, 1 + random.below(200)),
-        2 => (1 + random.below(200), 1),
-        3 => (320, 240),
+    let (width, height) = match random.below(400) {
+        0 => (1280, 1024),
+        1..10 => (320, 240),
+        10..20 => (1 + random.below(4), 1 + random.below(4)),
+        20..30 => (1, 1 + random.below(200)),
+        30..40 => (1 + random.below(200), 1),
         _ => (16 + random.below(160), 16 + random.below(120)),
     };
     let background = *random.pick(&[0, 0, 1300, 1300, 500, u16::MAX]);

@@ -24,7 +24,7 @@ static ALLOCATED: peak_alloc::PeakAlloc = peak_alloc::PeakAlloc;
 
 #[test]
 fn damaged_recordings() {
-    run("damaged_recordings", 600, recordings::case);
+    run("damaged_recordings", 500, recordings::case);
 }
 
 #[test]
@@ -44,5 +44,5 @@ fn damaged_configurations() {
 
 #[test]
 fn the_whole_chain_on_random_depth() {
-    run("the_whole_chain_on_random_depth", 800, chain::case);
+    run("the_whole_chain_on_random_depth", 300, chain::case);
 }
