@@ -43,7 +43,7 @@ pub(crate) fn case(random: &mut Random, folder: &Path) {
             2 => message.schema = *random.pick(&[IMAGE, CAMERA_INFO, "std_msgs/msg/String", ""]),
             3 => message.log_time = random.next(),
             // A coefficient or an entry of K.
-            4 if message.schema == CAMERA_INFO && message.data.len() > 80 => {
+            4 if message.schema == CAMERA_INFO && message.data.len() >= 88 => {
                 let at = 4 + 8 * (8 + random.below(message.data.len() / 8 - 10));
                 let number = *random.pick(&FLOATS);
                 message.data[at..at + 8].copy_from_slice(&number.to_le_bytes());
