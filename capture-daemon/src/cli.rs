@@ -33,6 +33,20 @@ pub enum Verb {
     ///
     /// Example: sward-capture synth --out /tmp/clips --seed 7 --family row --clips 3
     Synth(crate::synth::SynthArgs),
+    /// Print what a recording holds: topics, frames, rate, camera, metadata, damage
+    ///
+    /// Reads it to its end. Exit code 0: done; 2: bad arguments or configuration; 3: the recording is
+    /// missing or not one frame of it can be read.
+    ///
+    /// Example: sward-capture info recordings/row-3.mcap --json
+    Info(InfoArgs),
+    /// Rewrite a recording that was cut short into a whole one
+    ///
+    /// Every whole message is kept, with its topic, times, metadata and attachments. Exit code 0: done;
+    /// 1: OUT exists or cannot be written; 3: the recording is missing or holds not one image.
+    ///
+    /// Example: sward-capture recover torn.mcap mended.mcap
+    Recover(RecoverArgs),
     /// Check a configuration: exit code 0, or 2 with file, line and column
     ///
     /// Example: sward-capture check-config --config capture-daemon.toml
@@ -55,7 +69,7 @@ pub struct ConfigArgs {
 /// What to replay and how.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// An MCAP file, or a folder of 16-bit PNGs with camera.toml
+    /// An MCAP file, a rosbag2 folder, or a folder of 16-bit PNGs with camera.toml
     pub recording: PathBuf,
     /// Configuration.
     #[command(flatten)]
@@ -72,6 +86,28 @@ pub struct ReplayArgs {
     /// The same as --rate 1
     #[arg(long)]
     pub realtime: bool,
+}
+
+/// What to look at.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// An MCAP file, a rosbag2 folder, or a folder of 16-bit PNGs with camera.toml
+    pub recording: PathBuf,
+    /// Configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// One JSON object on stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What to rewrite.
+#[derive(Debug, Args)]
+pub struct RecoverArgs {
+    /// An MCAP file or a rosbag2 folder; it is only read
+    pub recording: PathBuf,
+    /// The MCAP file to write; nothing may be there yet
+    pub out: PathBuf,
 }
 
 fn rate(text: &str) -> Result<f64, String> {

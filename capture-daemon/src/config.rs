@@ -4,17 +4,18 @@ use std::io::Read;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::frame::{CameraModel, CameraPose};
 use crate::pipeline::PipelineParams;
+use crate::recording::{Distortion, DistortionError, GivenCamera, OpenOptions};
 use crate::session::SessionParams;
 use crate::stages::blade::AcceptParams;
 use crate::stages::mask::MaskParams;
 use crate::station::StationParams;
 
 /// All keys, with their defaults. `capture-daemon.toml` documents each.
-#[derive(Clone, Debug, PartialEq, Default, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// `[source]`
@@ -34,7 +35,7 @@ pub struct Config {
 }
 
 /// Where frames come from.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SourceConfig {
     /// A recording that `run` plays as its sensor.
@@ -55,7 +56,7 @@ impl Default for SourceConfig {
 }
 
 /// The camera.
-#[derive(Clone, Debug, PartialEq, Default, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraConfig {
     /// Focal length along x, pixels; with `fy`, `cx`, `cy` for a recording that brings none.
@@ -66,6 +67,10 @@ pub struct CameraConfig {
     pub cx: Option<f64>,
     /// Principal point, pixels.
     pub cy: Option<f64>,
+    /// Model of the lens's distortion, with `distortion`: `plumb_bob` or `rational_polynomial`.
+    pub distortion_model: Option<String>,
+    /// Its coefficients in OpenCV's order; for a recording that brings no intrinsics.
+    pub distortion: Option<Vec<f64>>,
     /// How far it looks down, radians.
     pub tilt_rad: f32,
     /// How far it is turned clockwise about its axis, radians.
@@ -73,7 +78,7 @@ pub struct CameraConfig {
 }
 
 /// What counts as held before the camera.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MaskConfig {
     /// Nearest depth, metres.
@@ -96,7 +101,7 @@ impl Default for MaskConfig {
 }
 
 /// When a capture happens.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CaptureConfig {
     /// How long something must stand still, seconds.
@@ -113,7 +118,7 @@ impl Default for CaptureConfig {
 }
 
 /// Which blades are good enough.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BladeConfig {
     /// Shortest blade, metres.
@@ -130,7 +135,7 @@ impl Default for BladeConfig {
 }
 
 /// Refinement of the skeleton.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RefineConfig {
     /// Knots of a blade.
@@ -147,7 +152,7 @@ impl Default for RefineConfig {
 }
 
 /// The varlink service.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServiceConfig {
     /// The socket it listens on.
@@ -310,6 +315,10 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
     let some_missing = intrinsics.iter().any(Option::is_some) && intrinsics.iter().any(Option::is_none);
     let half_camera = || Some(("camera", "all of fx, fy, cx and cy, or none of them".to_owned()));
+    let lens = "the 4 or 5 coefficients of plumb_bob or the 8 of rational_polynomial".to_owned();
+    let distortion = camera.distortion().err().map(|_| ("camera.distortion", lens));
+    let lens_alone = || Some(("camera.distortion", "camera.fx, fy, cx and cy beside it".to_owned()));
+    let lens_alone = (camera.distortion.is_some() && camera.fx.is_none()).then(lens_alone).flatten();
     let empty_region = mask.roi.is_some_and(|[x0, y0, x1, y1]| x0 >= x1 || y0 >= y1);
     let region = || Some(("mask.roi", "[x0, y0, x1, y1] with x0 < x1 and y0 < y1".to_owned()));
     let order = || Some(("mask.far_m", format!("more than mask.near_m ({})", mask.near_m)));
@@ -321,6 +330,8 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
         .or_else(|| centre("camera.cx", camera.cx))
         .or_else(|| centre("camera.cy", camera.cy))
         .or_else(|| some_missing.then(half_camera).flatten())
+        .or(distortion)
+        .or(lens_alone)
         .or_else(|| within("camera.tilt_rad", camera.tilt_rad.into(), -1.6..=1.6))
         .or_else(|| within("camera.roll_rad", camera.roll_rad.into(), -3.2..=3.2))
         .or_else(|| within("mask.near_m", mask.near_m, 0.0..=20.0))
@@ -337,11 +348,31 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
         .or_else(|| within("refine.distance_weight", refine.distance_weight.into(), 0.0..=1.0))
 }
 
+impl CameraConfig {
+    fn distortion(&self) -> Result<Distortion, DistortionError> {
+        let model = self.distortion_model.as_deref().unwrap_or("plumb_bob");
+        Distortion::new(model, self.distortion.as_deref().unwrap_or_default())
+    }
+}
+
 impl Config {
     /// The camera given by the configuration, where it gives one.
     pub fn camera_model(&self) -> Option<CameraModel> {
         let CameraConfig { fx, fy, cx, cy, .. } = self.camera;
         Some(CameraModel { fx: fx?, fy: fy?, cx: cx?, cy: cy? })
+    }
+
+    /// What a recording leaves open.
+    pub fn open_options(&self) -> OpenOptions {
+        // `load` has checked the distortion.
+        let distortion = self.camera.distortion().unwrap_or_default();
+        let camera = self.camera_model().map(|camera| GivenCamera { camera, distortion });
+        OpenOptions { camera, topic: self.source.topic.clone() }
+    }
+
+    /// All keys that have a value, as TOML.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("numbers, texts and paths in UTF-8 can be written as TOML")
     }
 
     /// What a session is told.
@@ -400,6 +431,9 @@ mod tests {
         let all_keys = check(&uncommented, &[]).expect("every documented key is known");
         assert_eq!(all_keys.camera_model().map(|camera| camera.fx), Some(570.0));
         assert!(all_keys.mask.roi.is_some() && all_keys.source.recording.is_some());
+        let given = all_keys.open_options().camera.expect("a camera");
+        assert_eq!((given.camera.cy, given.distortion.coefficients()[0]), (239.5, -0.05));
+        assert_eq!(check(&all_keys.to_toml(), &[]), Ok(all_keys));
     }
 
     #[test]
@@ -413,6 +447,13 @@ mod tests {
         assert_eq!(range, "c.toml:2:1: `refine.knots` is out of range, expected 2 to 64");
         let syntax = error("[mask\n");
         assert!(syntax.starts_with("c.toml:1:"), "{syntax}");
+        let lens = error("camera = { fx = 9, fy = 9, cx = 0, cy = 0, distortion = [1.0] }");
+        assert!(lens.starts_with("c.toml:1:44: `camera.distortion`") && lens.contains("plumb_bob"), "{lens}");
+        let alone = error("[camera]\ndistortion = [0.1, 0, 0, 0]\n");
+        assert!(
+            alone.contains("c.toml:2:1: `camera.distortion` is out of range, expected camera.fx"),
+            "{alone}"
+        );
         let order = error("mask = { near_m = 1.0, far_m = 0.5 }\n");
         assert!(order.starts_with("c.toml:1:24: `mask.far_m`"), "{order}");
         assert!(!error("x = 1\ny =\n").contains('\n'));

@@ -77,13 +77,11 @@ async fn serve(config: &Config) -> anyhow::Result<()> {
 }
 
 fn open_source(config: &Config) -> Result<Option<Box<dyn FrameSource + Send>>, recording::OpenError> {
-    let options =
-        recording::OpenOptions { camera: config.camera_model(), topic: config.source.topic.clone() };
     let Some(path) = &config.source.recording else {
         tracing::warn!("no source.recording is set: nothing will be captured");
         return Ok(None);
     };
-    recording::open(path, &options).map(Some)
+    recording::open(path, &config.open_options()).map(Some)
 }
 
 /// What the frame thread owns.

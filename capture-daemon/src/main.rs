@@ -45,6 +45,21 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
             }
             Ok(print(&paths)?)
         }
+        Verb::Info(args) => {
+            let info = recording::info(&args.recording, &load(&args.config)?.open_options())?;
+            let text = if args.json { format!("{}\n", info.to_json()) } else { info.to_string() };
+            Ok(print(&text)?)
+        }
+        Verb::Recover(args) => {
+            let recovered = recording::recover(&args.recording, &args.out)?;
+            if let Some(first) = recovered.damage.first() {
+                let places = recovered.damaged_places;
+                let path = args.recording.display();
+                tracing::warn!(places, "{path} is cut short or damaged: {first}; what is whole is rewritten");
+            }
+            let (messages, images) = (recovered.messages, recovered.images);
+            Ok(print(&format!("{}: {messages} messages, {images} of them images\n", args.out.display()))?)
+        }
         Verb::CheckConfig(args) => load(args).map(drop),
     }
 }
@@ -56,7 +71,9 @@ fn load(args: &ConfigArgs) -> anyhow::Result<Config> {
 fn exit_code(error: &anyhow::Error) -> u8 {
     if error.is::<ConfigError>() {
         BAD_ARGUMENTS
-    } else if error.is::<recording::OpenError>() {
+    } else if error.is::<recording::OpenError>()
+        || matches!(error.downcast_ref(), Some(recording::RecoverError::Open(_)))
+    {
         BAD_RECORDING
     } else {
         FAILED

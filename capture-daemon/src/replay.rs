@@ -53,9 +53,7 @@ impl Pace {
 /// An [`recording::OpenError`] when it cannot be opened, anything else when a picture or stdout
 /// cannot be written.
 pub fn replay(args: &ReplayArgs, config: &Config) -> anyhow::Result<()> {
-    let options =
-        recording::OpenOptions { camera: config.camera_model(), topic: config.source.topic.clone() };
-    let mut source = recording::open(&args.recording, &options)?;
+    let mut source = recording::open(&args.recording, &config.open_options())?;
     let mut out = Output { json: args.json, to: io::BufWriter::new(io::stdout().lock()) };
     match play(source.as_mut(), args, config, &mut out) {
         // Who reads our output has seen enough.

@@ -3,14 +3,14 @@
 //! They are looked for in the interpreter that `SWARD_PYTHON` names, else `python3`. Without them the
 //! tests are skipped and say so; `SWARD_REQUIRE_PYTHON=1` makes that a failure.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use capture_daemon::frame::CameraModel;
-use capture_daemon::recording::{self, CAMERA_INFO_TOPIC, IMAGE_TOPIC, OpenOptions};
+use capture_daemon::frame::{CameraModel, DepthFrame};
+use capture_daemon::recording::{self, CAMERA_INFO_TOPIC, Distortion, GivenCamera, IMAGE_TOPIC, OpenOptions};
 use capture_daemon::source::SourceError;
 use capture_daemon::synth::{self, Clip, ClipParams, Family, Format, Scene};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 fn python(args: &[&str]) -> std::io::Result<Output> {
     let python = std::env::var_os("SWARD_PYTHON").unwrap_or_else(|| "python3".into());
@@ -42,25 +42,196 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
+/// A file with three frames that Python writes.
+fn write(folder: &Path, form: &Value) -> PathBuf {
+    let path = folder.join("python.mcap");
+    run(&["write", text(&path), &form.to_string()]);
+    path
+}
+
+const CAMERA: CameraModel = CameraModel { fx: 571.5, fy: 572.5, cx: 9.25, cy: 5.75 };
+
+/// Frame `i` of those that Python writes.
+fn frame(i: u16) -> DepthFrame {
+    DepthFrame {
+        width: 20,
+        height: 12,
+        depth: (0..240).map(|pixel| 500 + 7 * i + pixel).collect(),
+        depth_unit_m: 0.001,
+        timestamp_ns: 1_700_000_000_000_000_000 + u64::from(i) * 100_000_000,
+        camera: CAMERA,
+    }
+}
+
+/// All frames of a recording; none may be skipped.
+fn read(path: &Path, options: &OpenOptions) -> Result<Vec<DepthFrame>, String> {
+    let mut source = recording::open(path, options).map_err(|error| error.to_string())?;
+    let mut frames = Vec::new();
+    loop {
+        match source.next_frame() {
+            Ok(frame) => frames.push(frame),
+            Err(SourceError::End) => return Ok(frames),
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
+
+/// Asserts what is read of a file that Python writes.
+fn check(form: &Value, expected: &[DepthFrame]) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = write(folder.path(), form);
+    assert_eq!(read(&path, &OpenOptions::default()).as_deref(), Ok(expected), "{form}");
+}
+
+/// Asserts what is said of a file that Python writes.
+fn check_refusal(form: &Value, expected: &str) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = write(folder.path(), form);
+    let why = read(&path, &OpenOptions::default()).expect_err("refused");
+    assert!(why.contains(expected), "{form}: {why}");
+}
+
 #[test]
-fn what_python_writes_is_read() {
+fn every_form_of_file_that_python_writes_is_read() {
+    if !has_python() {
+        return;
+    }
+    let expected = [0, 1, 2].map(frame);
+    for compression in ["NONE", "LZ4", "ZSTD"] {
+        for (chunked, summary) in [(true, true), (true, false), (false, true), (false, false)] {
+            for chunk_size in [1 << 20, 100] {
+                let form = json!({"compression": compression, "chunked": chunked, "summary": summary, "chunk_size": chunk_size});
+                check(&form, &expected);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_form_of_image_that_python_writes_is_read() {
+    if !has_python() {
+        return;
+    }
+    let expected = [0, 1, 2].map(frame);
+    for encoding in ["16UC1", "mono16"] {
+        check(&json!({"encoding": encoding, "padding": 6}), &expected);
+        check(&json!({"encoding": encoding, "padding": 3, "big_endian": true}), &expected);
+    }
+    let in_metres = expected.clone().map(|frame| {
+        let mut depth: Vec<u16> = frame.depth.iter().map(|count| 10 * count).collect();
+        depth[..3].fill(0);
+        DepthFrame { depth, depth_unit_m: recording::FLOAT_DEPTH_UNIT_M, ..frame }
+    });
+    check(&json!({"encoding": "32FC1"}), &in_metres);
+    check(&json!({"encoding": "32FC1", "padding": 5, "big_endian": true}), &in_metres);
+    let logged = expected
+        .clone()
+        .map(|frame| DepthFrame { timestamp_ns: frame.timestamp_ns + 100_000_000_000_000_000, ..frame });
+    check(&json!({"stamp": false}), &logged);
+    check_refusal(&json!({"encoding": "rgb8"}), "/camera/depth/image_rect_raw (rgb8)");
+    // Frames come in the order of the file.
+    check(&json!({"order": [2, 0, 1]}), &[2, 0, 1].map(frame));
+}
+
+#[test]
+fn topics_and_intrinsics_that_python_writes_are_found() {
+    if !has_python() {
+        return;
+    }
+    let expected = [0, 1, 2].map(frame);
+    for info in ["before", "after"] {
+        check(&json!({"info": info, "summary": false}), &expected);
+        check(&json!({"info": info, "topics": ["/infrared", "/aligned_Depth/image"]}), &expected);
+    }
+    let two = json!({"topics": ["/infrared", "/color"]});
+    check_refusal(&two, "/color (16UC1), /infrared (16UC1); name one with `source.topic`");
+    check_refusal(&json!({"info": "never"}), "camera.fx, camera.fy, camera.cx and camera.cy");
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = OpenOptions { topic: Some("/color".into()), ..OpenOptions::default() };
+    assert_eq!(read(&write(folder.path(), &two), &options).as_deref(), Ok(&expected[..]));
+}
+
+#[test]
+fn distortions_that_python_writes_are_undone_or_refused_by_name() {
+    if !has_python() {
+        return;
+    }
+    let expected = [0, 1, 2].map(frame);
+    check(&json!({"d": []}), &expected);
+    check(&json!({"model": "", "d": []}), &expected);
+    check(&json!({"model": "equidistant", "d": [0.0, 0.0, 0.0, 0.0]}), &expected);
+    // Less than half a pixel anywhere.
+    check(&json!({"model": "rational_polynomial", "d": [0.01, 0, 0, 0, 0, 0, 0, 0]}), &expected);
+    for model in ["equidistant", "fisheye"] {
+        check_refusal(&json!({"model": model, "d": [0.1, 0.0, 0.0, 0.0]}), &format!("{model:?}"));
+    }
+    check_refusal(&json!({"d": [0.1, 0.0]}), "plumb_bob has 2 coefficients");
+    // 400 · r² · r is some pixels at the corners, where the pincushion shows nothing.
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = write(folder.path(), &json!({"d": [400.0, 0.0, 0.0, 0.0, 0.0]}));
+    let frames = read(&path, &OpenOptions::default()).expect("read");
+    assert_eq!((frames[0].depth[0], frames[0].depth[6 * 20 + 9]), (0, expected[0].depth[6 * 20 + 9]));
+}
+
+#[test]
+fn a_file_cut_at_every_byte_is_read_to_its_last_whole_image() {
+    if !has_python() {
+        return;
+    }
+    let given = GivenCamera { camera: CAMERA, distortion: Distortion::default() };
+    let options = OpenOptions { camera: Some(given), ..OpenOptions::default() };
+    let all = [0, 1, 2].map(frame);
+    let forms = [
+        json!({"compression": "ZSTD"}),
+        json!({"compression": "LZ4", "summary": false}),
+        json!({"compression": "NONE", "summary": false}),
+        json!({"compression": "ZSTD", "chunk_size": 100, "summary": false}),
+        json!({"chunked": false, "summary": false}),
+    ];
+    for form in forms {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = write(folder.path(), &form);
+        let expected: Vec<usize> = serde_json::from_str(&run(&["whole", text(&path)])).expect("JSON");
+        let bytes = std::fs::read(&path).expect("readable");
+        assert_eq!((expected.len(), expected.last()), (bytes.len() + 1, Some(&3)), "{form}");
+        let cut = folder.path().join("cut.mcap");
+        for (len, &expected) in expected.iter().enumerate() {
+            std::fs::write(&cut, &bytes[..len]).expect("written");
+            match read(&cut, &options) {
+                Ok(frames) => assert_eq!(frames, all[..expected], "{form}, {len} bytes"),
+                Err(why) => assert_eq!(expected, 0, "{form}, {len} bytes: {why}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn a_file_that_is_cut_and_recovered_python_reads() {
     if !has_python() {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
-    for compression in ["NONE", "LZ4", "ZSTD"] {
-        let path = folder.path().join(format!("{compression}.mcap"));
-        run(&["write", text(&path), compression]);
-        let mut source = recording::open(&path, &OpenOptions::default()).expect("a recording");
-        for i in 0..3_u16 {
-            let frame = source.next_frame().expect("a frame");
-            assert_eq!((frame.width, frame.height, frame.depth_unit_m), (20, 12, 0.001));
-            assert_eq!(frame.depth, (0..240).map(|pixel| 500 + 7 * i + pixel).collect::<Vec<u16>>());
-            assert_eq!(frame.timestamp_ns, 1_700_000_000_000_000_000 + u64::from(i) * 100_000_000);
-            assert_eq!(frame.camera, CameraModel { fx: 571.5, fy: 572.5, cx: 9.25, cy: 5.75 });
-        }
-        assert_eq!(source.next_frame(), Err(SourceError::End));
-    }
+    let path = write(folder.path(), &json!({"compression": "LZ4", "chunk_size": 100}));
+    let bytes = std::fs::read(&path).expect("readable");
+    let whole: Vec<usize> = serde_json::from_str(&run(&["whole", text(&path)])).expect("JSON");
+    let len = whole.iter().position(|&images| images == 2).expect("two images");
+    let (cut, mended) = (folder.path().join("cut.mcap"), folder.path().join("mended.mcap"));
+    std::fs::write(&cut, &bytes[..len]).expect("written");
+    let recovered = recording::recover(&cut, &mended).expect("recovered");
+    assert_eq!((recovered.images, recovered.damaged_places), (2, 1));
+    let read = |path: &Path| -> Vec<Value> {
+        let lines = run(&["read", text(path)]);
+        lines.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect()
+    };
+    let (before, after) = (read(&path), read(&mended));
+    assert_eq!(after[0]["compressions"], json!(["zstd"]));
+    assert_eq!((&after[0]["profile"], after.len()), (&json!("ros2"), 1 + 3));
+    assert_eq!(after[1..], before[1..4], "the messages are the same");
+    // The whole file has metadata behind its messages.
+    let again = folder.path().join("again.mcap");
+    recording::recover(&path, &again).expect("recovered");
+    assert_eq!(read(&again)[0]["metadata"], before[0]["metadata"]);
+    assert_eq!(before[0]["metadata"]["session"]["visitor"], "a child");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::Cursor;
 
 use capture_daemon::frame::{CameraModel, DepthFrame};
-use capture_daemon::recording::{self, OpenOptions};
+use capture_daemon::recording::{self, Distortion, GivenCamera, OpenOptions};
 use capture_daemon::source::SourceError;
 use mcap::records::MessageHeader;
 
@@ -252,7 +252,8 @@ fn intrinsics_come_from_beside_or_from_the_options() {
     let image = || ("/depth/image", IMAGE, Picture::plain().message(false));
     let why = refusal(&[image()]);
     assert!(why.contains("camera.fx, camera.fy, camera.cx and camera.cy"), "{why}");
-    let options = OpenOptions { camera: Some(CAMERA), ..OpenOptions::default() };
+    let given = GivenCamera { camera: CAMERA, distortion: Distortion::default() };
+    let options = OpenOptions { camera: Some(given), ..OpenOptions::default() };
     let bytes = recording(&[image()], mcap::WriteOptions::new());
     assert_eq!(read_with(&bytes, &options).expect("read").0[0].camera, CAMERA);
     // The only ones there are; of two, those beside; of two elsewhere, none.
@@ -263,11 +264,63 @@ fn intrinsics_come_from_beside_or_from_the_options() {
     assert!(refusal(&[color, image(), info_on("/camera_info")]).contains("no camera intrinsics"));
     let refused = |info| refusal(&[("/depth/camera_info", INFO, info), image()]);
     let why = refused(camera_info((3, 2), &[0.1, 0.0], 0, false));
-    assert!(why.contains("the distortion \"plumb_bob\""), "{why}");
+    assert!(why.contains("the distortion model plumb_bob has 2 coefficients"), "{why}");
     assert!(refused(camera_info((3, 2), &[], 2, false)).contains("binned by 2x2"));
     let mut info = camera_info((3, 2), &[], 0, false);
     info.truncate(60);
     assert!(refused(info).contains("ends within its field"));
+}
+
+#[test]
+fn a_camera_that_is_not_calibrated_has_no_intrinsics() {
+    let image = || ("/depth/image", IMAGE, Picture::plain().message(false));
+    let mut info = camera_info((3, 2), &[], 0, false);
+    // Representation, stamp, frame_id, size, model, number of coefficients, padding: K's first entry.
+    let fx = info.windows(8).position(|window| window == CAMERA.fx.to_le_bytes()).expect("K is there");
+    info[fx..fx + 8].fill(0);
+    let messages = [("/depth/camera_info", INFO, info), image()];
+    assert!(refusal(&messages).contains("camera.fx, camera.fy"));
+    let given = GivenCamera { camera: CAMERA, distortion: Distortion::default() };
+    let options = OpenOptions { camera: Some(given), ..OpenOptions::default() };
+    let bytes = recording(&messages, mcap::WriteOptions::new());
+    assert_eq!(read_with(&bytes, &options).expect("read").0[0].camera, CAMERA);
+}
+
+#[test]
+fn a_part_of_the_sensor_has_its_principal_point_there() {
+    let mut info = camera_info((640, 480), &[], 0, false);
+    // x_offset, y_offset, height, width, and one byte.
+    let roi = info.len() - 17;
+    for (field, number) in [7_u32, 9, 2, 3].into_iter().enumerate() {
+        info[roi + 4 * field..][..4].copy_from_slice(&number.to_le_bytes());
+    }
+    let image = ("/depth/image", IMAGE, Picture::plain().message(false));
+    let frames = read(&[("/depth/camera_info", INFO, info), image]).expect("read").0;
+    assert_eq!(frames[0].camera, CameraModel { cx: CAMERA.cx - 7.0, cy: CAMERA.cy - 9.0, ..CAMERA });
+}
+
+#[test]
+fn a_given_lens_is_undone() {
+    let lens = Distortion::new("plumb_bob", &[0.4, 0.0, 0.0, 0.0]).expect("known");
+    let bytes =
+        recording(&[("/depth/image", IMAGE, Picture::plain().message(false))], mcap::WriteOptions::new());
+    let read = |camera: CameraModel| {
+        let given = GivenCamera { camera, distortion: lens.clone() };
+        let options = OpenOptions { camera: Some(given), ..OpenOptions::default() };
+        read_with(&bytes, &options).expect("read").0.remove(0).depth
+    };
+    assert_eq!(read(CAMERA), [501, 502, 503, 504, 505, 506], "less than half a pixel");
+    // A pincushion: what is far from the middle falls outside.
+    let wide = CameraModel { fx: 0.6, fy: 0.6, cx: 1.0, cy: 0.0 };
+    assert_eq!(read(wide), [0, 502, 0, 0, 0, 0]);
+}
+
+#[test]
+fn parameter_lists_are_refused_by_name() {
+    let mut image = Picture::plain().message(false);
+    image[1] = 3;
+    let why = refusal(&[info(), ("/depth/image", IMAGE, image)]);
+    assert!(why.contains("0x0003 (PL_CDR, a parameter list); expected plain CDR"), "{why}");
 }
 
 #[test]

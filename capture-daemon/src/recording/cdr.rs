@@ -8,11 +8,22 @@ pub enum CdrError {
     #[error("the message ends within its field `{0}`")]
     Truncated(&'static str),
     /// Another representation than plain CDR.
-    #[error("its bytes are in the representation {0:#04x}; plain CDR (0x00 or 0x01) is read")]
-    Representation(u8),
+    #[error("its bytes are in the representation {0:#06x}{name}; expected plain CDR (0x0000 or 0x0001)", name = name_of(*.0))]
+    Representation(u16),
     /// A string that is not UTF-8 or lacks its terminating zero.
     #[error("its field `{0}` is not a string")]
     NotAString(&'static str),
+}
+
+/// The name of a representation, in brackets (OMG DDS-XTypes 1.3, table 60).
+fn name_of(representation: u16) -> &'static str {
+    match representation {
+        2 | 3 => " (PL_CDR, a parameter list)",
+        6 | 7 => " (CDR2)",
+        8 | 9 => " (D_CDR2)",
+        10 | 11 => " (PL_CDR2, a parameter list)",
+        _ => "",
+    }
 }
 
 /// Reads the fields of a message in their order.
@@ -27,7 +38,7 @@ impl<'a> Decoder<'a> {
         let (&head, body) = message.split_first_chunk::<4>().ok_or(CdrError::Truncated("representation"))?;
         match head {
             [0, kind @ (0 | 1), _, _] => Ok(Self { body, position: 0, big_endian: kind == 0 }),
-            [0, kind, ..] | [kind, ..] => Err(CdrError::Representation(kind)),
+            [high, low, ..] => Err(CdrError::Representation(u16::from_be_bytes([high, low]))),
         }
     }
 
@@ -202,5 +213,10 @@ mod tests {
     #[test]
     fn another_representation_is_named() {
         assert_eq!(Decoder::new(&[0, 7, 0, 0]).err(), Some(CdrError::Representation(7)));
+        let error = Decoder::new(&[0, 3, 0, 0]).err().expect("a parameter list");
+        assert_eq!(
+            error.to_string(),
+            "its bytes are in the representation 0x0003 (PL_CDR, a parameter list); expected plain CDR (0x0000 or 0x0001)"
+        );
     }
 }

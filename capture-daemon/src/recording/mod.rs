@@ -1,17 +1,26 @@
-//! Recordings: MCAP files with ROS 2 messages, and folders of 16-bit PNGs.
+//! Recordings: MCAP files with ROS 2 messages, rosbag2 folders of such, and folders of 16-bit PNGs.
 
 mod cdr;
+mod distortion;
+mod info;
 mod mcap;
+mod open_error;
 mod png_sequence;
+mod recover;
 mod ros2;
+mod rosbag2;
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 pub use self::cdr::CdrError;
+pub use self::distortion::{Distortion, DistortionError};
+pub use self::info::{Info, TopicInfo, info};
 pub use self::mcap::{CAMERA_INFO_TOPIC, IMAGE_TOPIC, McapWriter, RecordingParams};
+pub use self::open_error::OpenError;
 pub use self::png_sequence::PngWriter;
+pub use self::recover::{RecoverError, Recovered, recover};
 pub use self::ros2::{FLOAT_DEPTH_UNIT_M, MessageError};
 use crate::frame::CameraModel;
 use crate::source::{FrameSource, SourceError};
@@ -20,132 +29,22 @@ use crate::source::{FrameSource, SourceError};
 /// since 1970, in November 2023. Synthetic clips begin then too.
 pub const START_NS: u64 = 1_700_000_000_000_000_000;
 
+/// Intrinsics for a recording that has none.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GivenCamera {
+    /// The pinhole.
+    pub camera: CameraModel,
+    /// The lens.
+    pub distortion: Distortion,
+}
+
 /// What a recording leaves open.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OpenOptions {
     /// Intrinsics of a recording that has none.
-    pub camera: Option<CameraModel>,
+    pub camera: Option<GivenCamera>,
     /// Topic of the depth images, among several.
     pub topic: Option<String>,
-}
-
-/// Why a recording cannot be replayed: it is missing, or not one frame of it can be read.
-#[derive(Debug, thiserror::Error)]
-pub enum OpenError {
-    /// Nothing is there.
-    #[error(
-        "{path}: there is no such file or folder; expected a recording, an MCAP file or a folder of 16-bit PNGs with camera.toml"
-    )]
-    Missing {
-        /// Where.
-        path: PathBuf,
-    },
-    /// The system refuses to read it.
-    #[error("{path}: cannot be read ({source}); check the file and its permissions")]
-    Io {
-        /// Where.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
-    /// Something else.
-    #[error(
-        "{path}: is not a recording but {found}; expected an MCAP file or a folder of 16-bit PNGs with camera.toml"
-    )]
-    NotARecording {
-        /// Where.
-        path: PathBuf,
-        /// What is there.
-        found: String,
-    },
-    /// A recording of a kind that is not read.
-    #[error("{path}: is {found}, which is not read; {remedy}")]
-    Unsupported {
-        /// Where.
-        path: PathBuf,
-        /// What is there.
-        found: &'static str,
-        /// What to do.
-        remedy: &'static str,
-    },
-    /// No topic with depth images.
-    #[error(
-        "{path}: has no depth images: {found}; expected sensor_msgs/msg/Image messages with encoding 16UC1, mono16 or 32FC1"
-    )]
-    NoDepthTopic {
-        /// Where.
-        path: PathBuf,
-        /// The topics.
-        found: String,
-    },
-    /// More than one topic may be meant.
-    #[error("{path}: has depth images on several topics, {found}; name one with `source.topic`")]
-    SeveralTopics {
-        /// Where.
-        path: PathBuf,
-        /// The topics.
-        found: String,
-    },
-    /// The topic that was asked for is not there.
-    #[error("{path}: has no images on the topic {wanted} that `source.topic` names: {found}")]
-    NoSuchTopic {
-        /// Where.
-        path: PathBuf,
-        /// The topic asked for.
-        wanted: String,
-        /// The topics.
-        found: String,
-    },
-    /// No intrinsics, and none in the options.
-    #[error(
-        "{path}: has no camera intrinsics for the images on {image_topic} (expected sensor_msgs/msg/CameraInfo messages on {beside}); give them with the keys camera.fx, camera.fy, camera.cx and camera.cy"
-    )]
-    NoIntrinsics {
-        /// Where.
-        path: PathBuf,
-        /// Topic of the images.
-        image_topic: String,
-        /// Where the intrinsics would be.
-        beside: String,
-    },
-    /// Intrinsics that cannot be used.
-    #[error("{path}: the camera intrinsics on {topic} cannot be used: {error}")]
-    Intrinsics {
-        /// Where.
-        path: PathBuf,
-        /// Their topic.
-        topic: String,
-        /// Why.
-        error: MessageError,
-    },
-    /// A folder of PNGs without `camera.toml`.
-    #[error(
-        "{path}: there is no such file; a folder of PNGs needs it to hold fx, fy, cx, cy and depth_unit_m"
-    )]
-    NoCameraFile {
-        /// The missing file.
-        path: PathBuf,
-    },
-    /// A `camera.toml` that cannot be used.
-    #[error("{path}, line {line}, column {column}: {reason}")]
-    CameraFile {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// Column, from 1.
-        column: usize,
-        /// What was expected.
-        reason: String,
-    },
-    /// A recording without a single usable frame.
-    #[error("{path}: not one frame can be read{reason}")]
-    NoFrames {
-        /// Where.
-        path: PathBuf,
-        /// Of the first frame, if there is one.
-        reason: String,
-    },
 }
 
 /// Why a recording cannot be written.
@@ -188,14 +87,53 @@ pub enum WriteError {
     },
 }
 
-/// Opens a recording: a file by its first bytes, whatever its name; a folder as PNGs.
+/// What is known of a recording once it is open.
+#[derive(Clone, Debug, PartialEq)]
+struct Contents {
+    /// Topic of the depth images; none of pictures.
+    image_topic: Option<String>,
+    /// The distortion that is undone in them.
+    distortion: Distortion,
+    /// The MCAP files; none of pictures.
+    parts: Vec<PathBuf>,
+}
+
+/// An open recording.
+struct Recording {
+    contents: Contents,
+    source: Box<dyn FrameSource + Send>,
+}
+
+/// Opens a recording: a file by its first bytes, whatever its name; a folder with a `metadata.yaml` or
+/// with MCAP files but no PNGs as a rosbag2 one; any other folder as PNGs.
 ///
-/// Frames are read when asked for. One that cannot be used is a [`SourceError::BadFrame`]; a file
-/// that is cut short ends with its last whole message and one warning in the log.
+/// Frames are read when asked for, in the order of the files. One that cannot be used is a
+/// [`SourceError::BadFrame`]; a file that is cut short ends with its last whole message and one warning
+/// in the log. A distortion of the lens is undone.
 ///
 /// # Errors
 /// When it is missing, or not one frame of it can be read; each error is one sentence.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn FrameSource + Send>, OpenError> {
+    Ok(open_recording(path, options)?.source)
+}
+
+fn open_recording(path: &Path, options: &OpenOptions) -> Result<Recording, OpenError> {
+    match kind(path)? {
+        Kind::Mcap(parts) => mcap::open(path, parts, options),
+        Kind::Pictures => png_sequence::open(path),
+    }
+}
+
+/// Of which kind a recording is.
+enum Kind {
+    /// MCAP files, in their order.
+    Mcap(Vec<mcap::Part>),
+    /// A folder of PNGs.
+    Pictures,
+}
+
+/// Looks at what is at a path.
+fn kind(path: &Path) -> Result<Kind, OpenError> {
     let io = |source| OpenError::Io { path: path.to_owned(), source };
     let metadata = match fs::metadata(path) {
         Ok(metadata) => metadata,
@@ -205,15 +143,13 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn FrameSource + 
         Err(error) => return Err(io(error)),
     };
     if metadata.is_dir() {
-        return if path.join("metadata.yaml").exists() {
-            Err(OpenError::Unsupported {
-                path: path.to_owned(),
-                found: "a rosbag2 folder",
-                remedy: "open the .mcap file in it",
-            })
-        } else {
-            png_sequence::open(path)
-        };
+        if path.join(rosbag2::METADATA_FILE).exists() {
+            return rosbag2::parts(path).map(Kind::Mcap);
+        }
+        // rosbag2 writes its metadata last: a power failure leaves the files alone.
+        let parts = rosbag2::numbered_parts(path)?;
+        let has_pictures = !png_sequence::pictures(path).map_err(io)?.is_empty();
+        return Ok(if has_pictures || parts.is_empty() { Kind::Pictures } else { Kind::Mcap(parts) });
     }
     if !metadata.is_file() {
         // Reading a pipe or a device could take for ever.
@@ -223,10 +159,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn FrameSource + 
     File::open(path).and_then(|file| file.take(8).read_to_end(&mut start)).map_err(io)?;
     match start.as_slice() {
         [] => Err(not_a_recording(path, "an empty file")),
-        start if start == mcap::MAGIC => mcap::open(path, metadata.len(), options),
+        start if start == mcap::MAGIC => Ok(Kind::Mcap(vec![mcap::Part { path: path.to_owned() }])),
         [b'N', b'I', b'1', b'0', ..] => Err(OpenError::Unsupported {
             path: path.to_owned(),
-            found: "an OpenNI recording",
+            found: "an OpenNI recording".to_owned(),
             remedy: "convert it to MCAP or to a folder of 16-bit PNGs",
         }),
         start if start.starts_with(b"\x89PNG") => Err(not_a_recording(path, "one picture; give its folder")),

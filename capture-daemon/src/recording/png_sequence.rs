@@ -20,7 +20,7 @@ use image::codecs::png::{PngDecoder, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageDecoder, ImageEncoder, Limits};
 use serde::{Deserialize, Serialize};
 
-use super::{OpenError, START_NS, WriteError, ensure_one_frame};
+use super::{Contents, Distortion, OpenError, Recording, START_NS, WriteError, ensure_one_frame};
 use crate::frame::{CameraModel, DepthFrame, MAX_PIXELS};
 use crate::source::{FrameSource, SourceError};
 
@@ -95,7 +95,7 @@ impl CameraFile {
 }
 
 /// Opens a folder.
-pub(super) fn open(path: &Path) -> Result<Box<dyn FrameSource + Send>, OpenError> {
+pub(super) fn open(path: &Path) -> Result<Recording, OpenError> {
     let pictures = pictures(path).map_err(|source| OpenError::Io { path: path.to_owned(), source })?;
     if pictures.is_empty() {
         let found = "a folder without PNGs".to_owned();
@@ -105,11 +105,12 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn FrameSource + Send>, OpenError
     let mut source = PngSource { path: path.to_owned(), pictures, camera, size: None, next: 0 };
     ensure_one_frame(path, &mut source)?;
     source.next = 0;
-    Ok(Box::new(source))
+    let contents = Contents { image_topic: None, distortion: Distortion::default(), parts: Vec::new() };
+    Ok(Recording { contents, source: Box::new(source) })
 }
 
 /// The PNGs of a folder in name order, hidden ones left out.
-fn pictures(path: &Path) -> Result<Vec<PathBuf>, std::io::Error> {
+pub(super) fn pictures(path: &Path) -> Result<Vec<PathBuf>, std::io::Error> {
     let mut pictures = Vec::new();
     for entry in fs::read_dir(path)? {
         let path = entry?.path();

@@ -2,6 +2,7 @@
 //! `sensor_msgs/msg/CameraInfo`.
 
 use super::cdr::{CdrError, Decoder, Encoder};
+use super::distortion::{Distortion, DistortionError};
 use crate::frame::{CameraModel, DepthFrame, MAX_PIXELS};
 
 /// Schema name of an image.
@@ -51,16 +52,11 @@ pub enum MessageError {
     #[error("its time stamp is {0} s and {1} ns; expected 1970 or later and less than 10^9 ns")]
     Stamp(i32, u32),
     /// Intrinsics that no camera has.
-    #[error("its camera matrix says fx {fx}, fy {fy}, cx {cx}, cy {cy}; expected finite numbers and fx, fy > 0", fx = .0.fx, fy = .0.fy, cx = .0.cx, cy = .0.cy)]
+    #[error("the camera matrix says fx {fx}, fy {fy}, cx {cx}, cy {cy}; expected finite numbers and fx, fy > 0", fx = .0.fx, fy = .0.fy, cx = .0.cx, cy = .0.cy)]
     Camera(CameraModel),
-    /// The image would have to be undistorted first.
-    #[error(
-        "its camera has the distortion {model:?} with coefficients other than zero; record a rectified depth image"
-    )]
-    Distortion {
-        /// Distortion model.
-        model: String,
-    },
+    /// A distortion that cannot be undone.
+    #[error(transparent)]
+    Distortion(#[from] DistortionError),
     /// The intrinsics are those of the full sensor, the images are not.
     #[error("its camera is binned by {0}x{1}; expected images of the full resolution")]
     Binning(u32, u32),
@@ -101,7 +97,7 @@ impl<'a> Image<'a> {
     pub(super) fn decode(message: &'a [u8]) -> Result<Self, MessageError> {
         let mut decoder = Decoder::new(message)?;
         let stamp_ns = stamp_ns(&mut decoder)?;
-        decoder.string("header.frame_id")?;
+        decoder.bytes("header.frame_id")?;
         Ok(Self {
             stamp_ns,
             height: decoder.u32("height")? as usize,
@@ -114,14 +110,14 @@ impl<'a> Image<'a> {
     }
 
     /// The encoding of an image, even where the image itself is damaged.
-    pub(super) fn encoding_of(message: &'a [u8]) -> Option<&'a str> {
-        let mut decoder = Decoder::new(message).ok()?;
-        decoder.i32("header.stamp.sec").ok()?;
-        decoder.u32("header.stamp.nanosec").ok()?;
-        decoder.string("header.frame_id").ok()?;
-        decoder.u32("height").ok()?;
-        decoder.u32("width").ok()?;
-        decoder.string("encoding").ok()
+    pub(super) fn encoding_of(message: &'a [u8]) -> Result<&'a str, CdrError> {
+        let mut decoder = Decoder::new(message)?;
+        decoder.i32("header.stamp.sec")?;
+        decoder.u32("header.stamp.nanosec")?;
+        decoder.bytes("header.frame_id")?;
+        decoder.u32("height")?;
+        decoder.u32("width")?;
+        decoder.string("encoding")
     }
 
     /// Whether images of this encoding hold depth.
@@ -187,40 +183,48 @@ pub(super) fn encode_image(frame: &DepthFrame) -> Vec<u8> {
 }
 
 /// `sensor_msgs/msg/CameraInfo`, as far as it matters here.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct CameraInfo {
     /// Columns and rows of the images that it is for; 0: not stated.
     pub(super) size: (usize, usize),
     /// The intrinsics.
     pub(super) camera: CameraModel,
+    /// The lens.
+    pub(super) distortion: Distortion,
 }
 
 impl CameraInfo {
-    pub(super) fn decode(message: &[u8]) -> Result<Self, MessageError> {
+    /// `None`: the camera is not calibrated, which a focal length of 0 says.
+    pub(super) fn decode(message: &[u8]) -> Result<Option<Self>, MessageError> {
         let mut decoder = Decoder::new(message)?;
         // Intrinsics have no time that would matter.
         decoder.i32("header.stamp.sec")?;
         decoder.u32("header.stamp.nanosec")?;
-        decoder.string("header.frame_id")?;
+        decoder.bytes("header.frame_id")?;
         let height = decoder.u32("height")? as usize;
         let width = decoder.u32("width")? as usize;
         let model = decoder.string("distortion_model")?;
-        let distortion = decoder.f64_sequence("d")?;
+        let coefficients = decoder.f64_sequence("d")?;
         let [fx, _, cx, _, fy, cy, ..] = decoder.f64_array::<9>("k")?;
         decoder.f64_array::<9>("r")?;
         decoder.f64_array::<12>("p")?;
         let binning = (decoder.u32("binning_x")?, decoder.u32("binning_y")?);
-        let camera = CameraModel { fx, fy, cx, cy };
+        let (left, top) = (decoder.u32("roi.x_offset")?, decoder.u32("roi.y_offset")?);
+        let (roi_height, roi_width) =
+            (decoder.u32("roi.height")? as usize, decoder.u32("roi.width")? as usize);
+        if fx == 0.0 {
+            return Ok(None);
+        }
+        // The intrinsics are those of the full sensor, the images show a part of it.
+        let size = if (roi_width, roi_height) == (0, 0) { (width, height) } else { (roi_width, roi_height) };
+        let camera = CameraModel { fx, fy, cx: cx - f64::from(left), cy: cy - f64::from(top) };
         if !camera.is_valid() {
             return Err(MessageError::Camera(camera));
-        }
-        if distortion.iter().any(|&coefficient| coefficient != 0.0) {
-            return Err(MessageError::Distortion { model: model.to_owned() });
         }
         if binning.0 > 1 || binning.1 > 1 {
             return Err(MessageError::Binning(binning.0, binning.1));
         }
-        Ok(Self { size: (width, height), camera })
+        Ok(Some(Self { size, camera, distortion: Distortion::new(model, &coefficients)? }))
     }
 }
 

@@ -7,6 +7,7 @@ use anyhow::Context;
 use super::clip::{Clip, ClipParams};
 use super::scene::{FAMILIES, Family, Scene};
 use super::truth::Truth;
+use crate::config::Config;
 use crate::recording::{McapWriter, PngWriter, RecordingParams, WriteError};
 
 /// Form of the recordings.
@@ -152,7 +153,8 @@ fn write_frames(path: &Path, clip: &Clip, format: Format, compression_level: u32
     match format {
         Format::Mcap => {
             let sensor = "Sward synthetic sensor".to_owned();
-            let params = RecordingParams { sensor, compression_level, ..RecordingParams::default() };
+            let config = Config::default().to_toml();
+            let params = RecordingParams { sensor, config, compression_level, ..RecordingParams::default() };
             // A clip that was cut short by a full disk never stands there under its name.
             let part = path.with_extension("mcap.part");
             let written = McapWriter::create(&part, params).and_then(|mut writer| {

@@ -1,21 +1,27 @@
 //! MCAP with ROS 2 messages, the form that `ros2 bag record` leaves behind.
 //!
-//! Reading goes over a file three times at most, with one record in memory: a survey of its topics
-//! and intrinsics (of a whole file: its summary and its first messages), a look for one good frame,
-//! and the replay itself.
+//! Reading goes over a file three times at most, with one record or one chunk in memory: a survey of
+//! its topics and intrinsics (of a whole file: its summary and its first messages), a look for one good
+//! frame, and the replay itself. Frames come in the order of the file.
 //!
 //! # Things we don't support
-//! Folders of several files, and images that must be undistorted. The checksums of chunks that are
-//! not compressed are not looked at.
+//! Messages that are compressed one by one, `ros2idl` schemas, and intrinsics that change within a
+//! recording: the first ones hold.
 
+mod chunk;
+mod part;
 mod read;
+mod record;
 mod records;
 mod survey;
 mod write;
 
+pub(super) use part::Part;
 pub(super) use read::open;
-pub(super) use records::MAGIC;
+pub(super) use record::Record;
+pub(super) use records::{MAGIC, RecordError, RecordReader};
 pub use write::{CAMERA_INFO_TOPIC, IMAGE_TOPIC, McapWriter, RecordingParams};
+pub(super) use write::{ChunkSpan, write_options};
 
 /// Name of the metadata record that Sward's own recordings have.
 const METADATA_NAME: &str = "sward";

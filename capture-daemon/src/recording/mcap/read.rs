@@ -1,99 +1,128 @@
-//! Replays the depth images of an MCAP file.
+//! Replays the depth images of the files of a recording.
 
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::BufReader;
 use std::path::Path;
 
-use super::records::{Record, RecordError, RecordReader};
-use super::survey::{Selection, select};
-use super::{DEPTH_UNIT_KEY, METADATA_NAME};
+use super::record::Record;
+use super::records::{RecordError, RecordReader};
+use super::survey::{Selection, survey};
+use super::{DEPTH_UNIT_KEY, METADATA_NAME, Part};
 use crate::frame::DepthFrame;
+use crate::recording::distortion::Rectifier;
 use crate::recording::ros2::Image;
-use crate::recording::{OpenError, OpenOptions, ensure_one_frame};
+use crate::recording::{Contents, OpenError, OpenOptions, Recording, ensure_one_frame};
 use crate::source::{FrameSource, SourceError};
 
-/// Metres of one count where the recording does not say: millimetres.
-const DEFAULT_DEPTH_UNIT_M: f64 = 0.001;
-
-/// Opens a file that begins with MCAP's magic.
+/// Opens a recording of one or more files, each of which begins with MCAP's magic if it is a whole one.
 pub(in crate::recording) fn open(
     path: &Path,
-    file_len: u64,
+    parts: Vec<Part>,
     options: &OpenOptions,
-) -> Result<Box<dyn FrameSource + Send>, OpenError> {
-    let io = |source| OpenError::Io { path: path.to_owned(), source };
-    let reader = || {
-        let file = BufReader::new(File::open(path)?);
-        RecordReader::new(file, file_len)
+) -> Result<Recording, OpenError> {
+    let selection = survey(path, &parts)?.select(path, options)?;
+    let source = |quiet| McapSource::new(path, &parts, &selection, quiet);
+    ensure_one_frame(path, &mut source(true))?;
+    let info = &selection.info;
+    let contents = Contents {
+        image_topic: Some(selection.image_topic.clone()),
+        distortion: info.distortion.clone(),
+        parts: parts.iter().map(|part| part.path.clone()).collect(),
     };
-    let selection = select(path, &mut reader().map_err(io)?, options)?;
-    let source = |quiet| -> Result<_, std::io::Error> {
-        Ok(McapSource::new(path.display().to_string(), reader()?, &selection, quiet))
-    };
-    ensure_one_frame(path, &mut source(true).map_err(io)?)?;
-    Ok(Box::new(source(false).map_err(io)?))
+    Ok(Recording { contents, source: Box::new(source(false)) })
 }
 
-/// An MCAP file as a source of frames.
-struct McapSource<R> {
+/// The files of a recording as a source of frames.
+struct McapSource {
     name: String,
-    reader: RecordReader<R>,
+    parts: Vec<Part>,
+    /// Index of the part to open next.
+    next_part: usize,
+    reader: Option<RecordReader<BufReader<File>>>,
     selection: Selection,
     depth_unit_m: f64,
-    /// Channels of the selected topic.
+    /// Channels of the selected topic in the part that is being read.
     channels: BTreeSet<u16>,
-    /// Does not warn of a file cut short: somebody reads it again who does.
+    rectifier: Option<Rectifier>,
+    /// Does not warn: somebody reads it again who does.
     quiet: bool,
-    /// Nothing more can be read.
-    ended: bool,
+    /// Has warned of damage.
+    warned: bool,
 }
 
-impl<R: Read + Seek> McapSource<R> {
-    fn new(name: String, reader: RecordReader<R>, selection: &Selection, quiet: bool) -> Self {
-        let selection = Selection { image_topic: selection.image_topic.clone(), info: selection.info };
-        let (channels, depth_unit_m) = (BTreeSet::new(), DEFAULT_DEPTH_UNIT_M);
-        Self { name, reader, selection, depth_unit_m, channels, quiet, ended: false }
-    }
-
-    /// Notes a record; the frame, if it is one.
-    fn take(
-        record: Record<'_>,
-        selection: &Selection,
-        channels: &mut BTreeSet<u16>,
-        depth_unit_m: &mut f64,
-    ) -> Option<Result<DepthFrame, String>> {
-        match record {
-            Record::Channel { id, topic, .. } => {
-                if topic == selection.image_topic {
-                    channels.insert(id);
-                } else {
-                    channels.remove(&id);
-                }
-                None
-            }
-            Record::Metadata { name: METADATA_NAME, entries } => {
-                let unit = entries.iter().find(|(key, _)| *key == DEPTH_UNIT_KEY)?.1;
-                match unit.parse() {
-                    Ok(unit) if (1e-6..=0.1).contains(&unit) => *depth_unit_m = unit,
-                    _ => {
-                        return Some(Err(format!(
-                            "the metadata say a depth unit of {unit:?} m; expected 1e-6 to 0.1"
-                        )));
-                    }
-                }
-                None
-            }
-            Record::Message { channel, log_time, data } if channels.contains(&channel) => {
-                Some(frame(data, log_time, *depth_unit_m, selection))
-            }
-            _ => None,
+impl McapSource {
+    fn new(path: &Path, parts: &[Part], selection: &Selection, quiet: bool) -> Self {
+        Self {
+            name: path.display().to_string(),
+            parts: parts.to_vec(),
+            next_part: 0,
+            reader: None,
+            selection: selection.clone(),
+            depth_unit_m: selection.depth_unit_m,
+            channels: BTreeSet::new(),
+            rectifier: None,
+            quiet,
+            warned: false,
         }
     }
+
+    /// Warns once of what cannot be read.
+    fn warn(&mut self, what: &str) {
+        if !self.quiet && !self.warned {
+            tracing::warn!("{}: {what}", self.name);
+        }
+        self.warned = true;
+    }
+
+    /// Opens the next part; `None` behind the last one.
+    fn open_next(&mut self) -> Option<()> {
+        let part = self.parts.get(self.next_part)?;
+        self.channels = self.selection.channels.get(self.next_part).cloned().unwrap_or_default();
+        self.next_part += 1;
+        match part.reader() {
+            Ok(reader) => self.reader = Some(reader),
+            Err(why) => {
+                let what = format!("{} is {why}; it is left out", part.path.display());
+                self.warn(&what);
+            }
+        }
+        Some(())
+    }
+
+    /// The part that is being read, for a message: nothing if it is the only one.
+    fn part(&self) -> String {
+        match (self.parts.len(), self.next_part.checked_sub(1).and_then(|index| self.parts.get(index))) {
+            (0 | 1, _) | (_, None) => String::new(),
+            (_, Some(part)) => {
+                part.path.file_name().map(|name| format!("in {}, ", name.display())).unwrap_or_default()
+            }
+        }
+    }
+
+    /// The frame of an image message.
+    fn frame(&mut self, image: Result<DepthFrame, String>) -> Result<DepthFrame, String> {
+        let mut frame = image?;
+        let info = &self.selection.info;
+        if !info.distortion.is_none() {
+            let size = (frame.width, frame.height);
+            let rectifier = match self.rectifier.take().filter(|rectifier| rectifier.fits(&frame)) {
+                Some(rectifier) => rectifier,
+                None => Rectifier::new(&info.distortion, &info.camera, size),
+            };
+            self.rectifier.insert(rectifier).rectify(&mut frame);
+        }
+        Ok(frame)
+    }
 }
 
-/// The frame of an image message.
-fn frame(data: &[u8], log_time: u64, depth_unit_m: f64, selection: &Selection) -> Result<DepthFrame, String> {
+/// The frame that a message shows, as it is.
+fn decode(
+    data: &[u8],
+    log_time: u64,
+    depth_unit_m: f64,
+    selection: &Selection,
+) -> Result<DepthFrame, String> {
     let bad = |error| format!("the image logged at {log_time} ns cannot be used: {error}");
     let image = Image::decode(data).map_err(bad)?;
     let mut frame = image.to_frame(depth_unit_m, selection.info.camera).map_err(bad)?;
@@ -110,40 +139,63 @@ fn frame(data: &[u8], log_time: u64, depth_unit_m: f64, selection: &Selection) -
     Ok(frame)
 }
 
-impl<R: Read + Seek> FrameSource for McapSource<R> {
+impl FrameSource for McapSource {
     fn describe(&self) -> String {
         format!("{}, topic {}", self.name, self.selection.image_topic)
     }
 
     fn next_frame(&mut self) -> Result<DepthFrame, SourceError> {
-        while !self.ended {
-            match self.reader.next() {
-                Ok(Some(record)) => {
-                    let frame =
-                        Self::take(record, &self.selection, &mut self.channels, &mut self.depth_unit_m);
-                    if let Some(frame) = frame {
-                        return frame.map_err(SourceError::BadFrame);
+        loop {
+            let Some(reader) = &mut self.reader else {
+                self.open_next().ok_or(SourceError::End)?;
+                continue;
+            };
+            let found = match reader.next() {
+                Ok(Some(Record::Channel { id, topic, .. })) => {
+                    if topic == self.selection.image_topic {
+                        self.channels.insert(id);
+                    } else {
+                        self.channels.remove(&id);
                     }
+                    continue;
                 }
-                Ok(None) => self.ended = true,
+                Ok(Some(Record::Metadata { name: METADATA_NAME, entries })) => {
+                    let unit = entries.iter().find(|(key, _)| *key == DEPTH_UNIT_KEY);
+                    let unit = unit.and_then(|(_, unit)| unit.parse().ok());
+                    self.depth_unit_m =
+                        unit.filter(|unit| (1e-6..=0.1).contains(unit)).unwrap_or(self.depth_unit_m);
+                    continue;
+                }
+                Ok(Some(Record::Message { channel, log_time, data, .. }))
+                    if self.channels.contains(&channel) =>
+                {
+                    Ok(decode(data, log_time, self.depth_unit_m, &self.selection))
+                }
+                Ok(Some(_)) => continue,
+                Ok(None) => {
+                    self.reader = None;
+                    continue;
+                }
+                Err(error) => Err(error),
+            };
+            match found {
+                Ok(frame) => return self.frame(frame).map_err(SourceError::BadFrame),
                 Err(error @ RecordError::CutShort(_)) => {
-                    self.ended = true;
-                    if !self.quiet {
-                        tracing::warn!(
-                            "{} is cut short: {error}; it is read to its last whole message",
-                            self.name
-                        );
-                    }
+                    self.reader = None;
+                    let part = self.part();
+                    self.warn(&format!("{part}cut short: {error}; it is read to its last whole message"));
                 }
                 Err(error @ RecordError::Damaged { .. }) => {
-                    return Err(SourceError::BadFrame(format!("{}: {error}", self.name)));
+                    let what = format!("{}{error}", self.part());
+                    self.warn(&format!("{what}; what is behind it is read"));
+                    return Err(SourceError::BadFrame(format!("{}: {what}", self.name)));
                 }
                 Err(RecordError::Io(error)) => {
-                    self.ended = true;
+                    self.reader = None;
+                    self.next_part = self.parts.len();
                     return Err(SourceError::Failed(format!("{} cannot be read: {error}", self.name)));
                 }
             }
         }
-        Err(SourceError::End)
     }
 }

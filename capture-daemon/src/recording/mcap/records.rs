@@ -1,50 +1,29 @@
 //! The records of an MCAP file, one at a time.
 //!
 //! The file's own framing is read here, so that no length in it is believed beyond the end of the
-//! file; compressed chunks are handed to the `mcap` crate. What a chunk that is cut off still holds
-//! is read as far as it can be decompressed.
+//! file; compressed chunks are handed to the `mcap` crate. A chunk that is whole gives its records only
+//! if its checksum is right; of one that is cut off, whatever records can still be decompressed. Where
+//! the framing itself is damaged, reading goes on with the next chunk.
 
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use super::chunk::{self, ChunkHeader};
+use super::record::{Fields, MAX_RECORD_LEN, Record, matters, op, parse};
+
 /// The bytes that an MCAP file begins and ends with.
 pub(in crate::recording) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
-/// Longest message that is read: an image of 1280×1024 has 5 MB. Longer ones are passed over.
-const MAX_RECORD_LEN: u64 = 64 << 20;
-/// Longest record of another kind that is read.
-const MAX_OTHER_LEN: u64 = 1 << 20;
-/// Bytes handed to the decompressor at a time.
+/// Bytes read from the file at a time.
 const FEED_LEN: usize = 128 << 10;
 /// A record's kind and length.
-const FRAMING_LEN: u64 = 9;
+pub(super) const FRAMING_LEN: u64 = 9;
 /// Footer record and closing magic.
 const ENDING_LEN: u64 = FRAMING_LEN + 20 + 8;
 
-mod op {
-    pub(super) const FOOTER: u8 = 0x02;
-    pub(super) const SCHEMA: u8 = 0x03;
-    pub(super) const CHANNEL: u8 = 0x04;
-    pub(super) const MESSAGE: u8 = 0x05;
-    pub(super) const CHUNK: u8 = 0x06;
-    pub(super) const STATISTICS: u8 = 0x0b;
-    pub(super) const METADATA: u8 = 0x0c;
-    pub(super) const DATA_END: u8 = 0x0f;
-}
-
-/// A record that matters here; all others are passed over.
-#[derive(Debug, PartialEq)]
-pub(super) enum Record<'a> {
-    Schema { id: u16, name: &'a str, encoding: &'a str },
-    Channel { id: u16, schema: u16, topic: &'a str, message_encoding: &'a str },
-    Message { channel: u16, log_time: u64, data: &'a [u8] },
-    Metadata { name: &'a str, entries: Vec<(&'a str, &'a str)> },
-    Statistics { message_counts: Vec<(u16, u64)> },
-}
-
 /// Why there is no next record.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum RecordError {
+pub(in crate::recording) enum RecordError {
     /// The file ends before its end.
     #[error("it ends within a record, at byte {0}")]
     CutShort(u64),
@@ -73,14 +52,21 @@ enum Place {
 struct Chunk {
     /// Its record's first byte.
     start: u64,
+    header: ChunkHeader,
+    /// Its data's first byte.
+    data_start: u64,
     /// Behind the last byte of its data.
     data_end: u64,
     /// Behind its record: the same, but for padding.
     end: u64,
+    /// Its end was never written: behind what can be read of it, the file is over.
+    torn: bool,
+    /// A record of it was given.
+    given: bool,
 }
 
 /// Reads records in the order of the file.
-pub(super) struct RecordReader<R> {
+pub(in crate::recording) struct RecordReader<R> {
     input: R,
     /// Bytes of the file, as it was when it was opened.
     file_len: u64,
@@ -94,36 +80,46 @@ impl<R: Read + Seek> RecordReader<R> {
     /// Starts behind the magic, which must have been checked, of a file of `file_len` bytes.
     pub(super) fn new(mut input: R, file_len: u64) -> Result<Self, std::io::Error> {
         let position = input.seek(SeekFrom::Start(MAGIC.len() as u64))?;
-        Ok(Self { input, file_len, position, place: Place::File, chunk: chunk_reader(), buffer: Vec::new() })
+        let chunk = chunk_reader(false);
+        Ok(Self { input, file_len, position, place: Place::File, chunk, buffer: Vec::new() })
     }
 
     /// Goes on with the file's first record.
-    pub(super) fn go_to_start(&mut self) -> Result<(), std::io::Error> {
+    pub(in crate::recording) fn go_to_start(&mut self) -> Result<(), std::io::Error> {
+        self.go_to(MAGIC.len() as u64)
+    }
+
+    /// Goes on with the record at a byte of the file.
+    pub(super) fn go_to(&mut self, position: u64) -> Result<(), std::io::Error> {
         self.place = Place::File;
-        self.skip_to(MAGIC.len() as u64)
+        self.skip_to(position.clamp(MAGIC.len() as u64, self.file_len.max(MAGIC.len() as u64)))
     }
 
     /// Goes on with the records of the file's summary, where the footer says that it is. `false`: the
-    /// file has none, or is cut short; the reader then stands at the file's start.
-    pub(super) fn go_to_summary(&mut self) -> Result<bool, std::io::Error> {
+    /// file has none, or it is damaged, or the file is cut short; the reader then stands at the file's
+    /// start.
+    pub(in crate::recording) fn go_to_summary(&mut self) -> Result<bool, std::io::Error> {
+        let Some(footer_at) = self.file_len.checked_sub(ENDING_LEN) else {
+            self.go_to_start()?;
+            return Ok(false);
+        };
         let mut ending = [0; ENDING_LEN as usize];
-        if let Some(at) = self.file_len.checked_sub(ENDING_LEN) {
-            self.input.seek(SeekFrom::Start(at))?;
-            self.input.read_exact(&mut ending)?;
-        }
+        self.input.seek(SeekFrom::Start(footer_at))?;
+        self.input.read_exact(&mut ending)?;
         let mut fields = Fields(&ending[FRAMING_LEN as usize..]);
-        let summary = fields.u64().unwrap_or(0);
-        let known = ending[0] == op::FOOTER && ending.ends_with(MAGIC) && summary != 0;
-        let known = known && (MAGIC.len() as u64..self.file_len).contains(&summary);
-        self.go_to_start()?;
-        if known {
-            self.skip_to(summary)?;
-        }
-        Ok(known)
+        let (summary, _offsets) = (fields.u64().unwrap_or(0), fields.u64());
+        let checksum = fields.u32().unwrap_or(0);
+        let known = ending[0] == op::FOOTER && ending.ends_with(MAGIC);
+        let known = known && (MAGIC.len() as u64..footer_at).contains(&summary);
+        // The checksum is of all from the summary's start up to itself.
+        let checksum_at = footer_at + FRAMING_LEN + 16;
+        let whole = known && (checksum == 0 || self.checksum(summary, checksum_at)? == checksum);
+        self.go_to(if whole { summary } else { 0 })?;
+        Ok(whole)
     }
 
     /// The next record that matters; `None` behind the last one.
-    pub(super) fn next(&mut self) -> Result<Option<Record<'_>>, RecordError> {
+    pub(in crate::recording) fn next(&mut self) -> Result<Option<Record<'_>>, RecordError> {
         let at = self.position;
         let Some(opcode) = self.advance()? else { return Ok(None) };
         match parse(opcode, &self.buffer) {
@@ -176,9 +172,12 @@ impl<R: Read + Seek> RecordReader<R> {
             // `go_to_summary`, so the data's end is the end.
             op::DATA_END | op::FOOTER => {
                 self.place = Place::End;
-                Ok(None)
+                let whole = self.ends_in(MAGIC)?;
+                if whole { Ok(None) } else { Err(self.cut_short(self.file_len)) }
             }
-            _ if end > self.file_len => Err(self.cut_short(at)),
+            // No record is of kind 0: a system that lost its power leaves zeros at a file's end.
+            0 => Err(self.resume(at, "its kind is 0")?),
+            _ if end > self.file_len => Err(self.resume(at, "its length is wrong")?),
             _ if matters(opcode, len) => {
                 self.read(len, at)?;
                 Ok(Some(opcode))
@@ -190,46 +189,67 @@ impl<R: Read + Seek> RecordReader<R> {
         }
     }
 
+    /// Goes on with the first chunk behind a record that cannot be read; without one, the file is cut
+    /// short there.
+    fn resume(&mut self, at: u64, reason: &str) -> Result<RecordError, std::io::Error> {
+        let from = at + 1;
+        Ok(match chunk::find(&mut self.input, from, self.file_len)? {
+            Some(next) => {
+                self.place = Place::File;
+                self.skip_to(next)?;
+                RecordError::Damaged { what: "record", at, reason: reason.into() }
+            }
+            None => self.cut_short(at),
+        })
+    }
+
     /// Enters the chunk record that begins at `at` and ends at `end`; the reader stands behind its
     /// framing.
     fn enter_chunk(&mut self, at: u64, end: u64) -> Result<(), RecordError> {
-        // start_time, end_time, uncompressed_size, uncompressed_crc.
-        const FIXED_LEN: u64 = 8 + 8 + 8 + 4;
-        self.read(FIXED_LEN + 4, at)?;
-        let name_len = Fields(&self.buffer[FIXED_LEN as usize..]).u32().expect("four bytes were read");
-        let data_start = at + FRAMING_LEN + FIXED_LEN + 4 + u64::from(name_len) + 8;
-        let fixed = self.buffer.clone();
-        // No compression has so long a name.
-        if name_len > 64 || data_start > end {
-            self.skip_to(end.min(self.file_len))?;
-            let reason = "its header does not fit".into();
-            return Err(RecordError::Damaged { what: "chunk", at, reason });
+        let torn = end > self.file_len;
+        if torn && let Some(next) = chunk::find(&mut self.input, at + 1, self.file_len)? {
+            self.skip_to(next)?;
+            return Err(damaged_chunk(at, "its length is wrong"));
         }
-        self.read(u64::from(name_len) + 8, at)?;
-        let mut fields = Fields(&self.buffer[name_len as usize..]);
-        let data_len = fields.u64().expect("eight bytes were read");
-        let data_end = data_start.saturating_add(data_len);
+        self.skip_to(at + FRAMING_LEN)?;
+        self.read(chunk::MAX_HEADER_LEN.min(end.min(self.file_len) - self.position), at)?;
+        let header = match ChunkHeader::parse(&self.buffer) {
+            Ok(header) => header,
+            Err(_) if torn => return Err(self.cut_short(at)),
+            Err(reason) => {
+                self.skip_to(end)?;
+                return Err(damaged_chunk(at, reason));
+            }
+        };
+        let data_start = at + FRAMING_LEN + header.len;
+        let data_end = data_start.saturating_add(header.data_len);
         if data_end > end {
             self.skip_to(end.min(self.file_len))?;
-            let reason = "its data reach beyond it".into();
-            return Err(RecordError::Damaged { what: "chunk", at, reason });
+            return Err(damaged_chunk(at, "its data reach beyond it"));
         }
-        if name_len == 0 {
-            self.place = Place::PlainChunk(Chunk { start: at, data_end, end });
-            return Ok(());
+        let chunk = Chunk { start: at, header, data_start, data_end, end, torn, given: false };
+        if header.is_compressed() {
+            return Ok(self.begin_compressed(chunk)?);
         }
-        // The crate gets a chunk that ends where its data end, or where the file does.
-        let data_end = data_end.min(self.file_len);
-        self.place = Place::CompressedChunk(Chunk { start: at, data_end, end });
-        let mut header = vec![op::CHUNK];
-        header.extend((data_end - (at + FRAMING_LEN)).to_le_bytes());
-        header.extend(fixed);
-        header.extend(&self.buffer[..name_len as usize]);
-        header.extend((data_end - data_start).to_le_bytes());
-        self.chunk = chunk_reader();
-        self.chunk.insert(header.len()).copy_from_slice(&header);
-        self.chunk.notify_read(header.len());
-        Ok(())
+        if !torn && header.checksum != 0 && self.checksum(data_start, data_end)? != header.checksum {
+            self.leave_chunk(chunk)?;
+            return Err(damaged_chunk(at, "its checksum is wrong"));
+        }
+        self.place = Place::PlainChunk(chunk);
+        Ok(self.skip_to(data_start)?)
+    }
+
+    /// Hands a compressed chunk to the decompressor, which stops where its data end, or the file does.
+    fn begin_compressed(&mut self, mut chunk: Chunk) -> Result<(), std::io::Error> {
+        chunk.data_end = chunk.data_end.min(self.file_len);
+        // A larger one gives its records before its checksum is known.
+        let fits = chunk.header.size.max(chunk.header.data_len) <= MAX_RECORD_LEN;
+        let alone = chunk.header.for_data_len(chunk.data_end - chunk.data_start);
+        self.chunk = chunk_reader(fits && !chunk.torn);
+        self.chunk.insert(alone.len()).copy_from_slice(&alone);
+        self.chunk.notify_read(alone.len());
+        self.place = Place::CompressedChunk(chunk);
+        self.skip_to(chunk.data_start)
     }
 
     /// The next record of a compressed chunk that matters; `None` when the chunk is over.
@@ -237,12 +257,15 @@ impl<R: Read + Seek> RecordReader<R> {
         loop {
             let reason = match self.chunk.next_event() {
                 Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                    if !chunk.given {
+                        self.place = Place::CompressedChunk(Chunk { given: true, ..chunk });
+                    }
                     if matters(opcode, data.len() as u64) {
                         self.buffer.clear();
                         self.buffer.extend_from_slice(data);
                         return Ok(Some(opcode));
                     }
-                    continue;
+                    return Ok(None);
                 }
                 Some(Ok(LinearReadEvent::ReadRequest(_))) if self.position < chunk.data_end => {
                     let len = (chunk.data_end - self.position).min(FEED_LEN as u64) as usize;
@@ -255,15 +278,49 @@ impl<R: Read + Seek> RecordReader<R> {
                 Some(Ok(LinearReadEvent::ReadRequest(_))) | None => None,
                 Some(Err(error)) => Some(error.to_string()),
             };
-            if chunk.end > self.file_len {
+            if chunk.torn {
                 return Err(self.cut_short(chunk.start));
+            }
+            if reason.is_some() && !chunk.given && self.ends_in_zeros(chunk.end)? {
+                // The chunk's own end is among them.
+                self.begin_compressed(Chunk { torn: true, ..chunk })?;
+                return Ok(None);
             }
             self.leave_chunk(chunk)?;
             return match reason {
                 None => Ok(None),
-                Some(reason) => Err(RecordError::Damaged { what: "chunk", at: chunk.start, reason }),
+                Some(reason) => Err(damaged_chunk(chunk.start, reason)),
             };
         }
+    }
+
+    /// Whether the file ends as one does that a system made longer and lost its power before writing:
+    /// without a chunk at byte `from` or behind, and with zeros. The reader then stands anywhere.
+    fn ends_in_zeros(&mut self, from: u64) -> Result<bool, std::io::Error> {
+        Ok(self.ends_in(&[0; 64])? && chunk::find(&mut self.input, from, self.file_len)?.is_none())
+    }
+
+    /// Whether these are the last bytes of the file. The reader then stands anywhere.
+    fn ends_in<const N: usize>(&mut self, bytes: &[u8; N]) -> Result<bool, std::io::Error> {
+        let Some(at) = self.file_len.checked_sub(N as u64) else { return Ok(false) };
+        let mut ending = [0; N];
+        self.skip_to(at)?;
+        self.input.read_exact(&mut ending)?;
+        Ok(ending == *bytes)
+    }
+
+    /// CRC-32 of a stretch of the file; the reader then stands anywhere.
+    fn checksum(&mut self, start: u64, end: u64) -> Result<u32, std::io::Error> {
+        self.skip_to(start)?;
+        let mut hasher = crc32fast::Hasher::new();
+        while self.position < end {
+            let len = (end - self.position).min(FEED_LEN as u64);
+            self.buffer.resize(len as usize, 0);
+            self.input.read_exact(&mut self.buffer)?;
+            hasher.update(&self.buffer);
+            self.position += len;
+        }
+        Ok(hasher.finalize())
     }
 
     /// Reads `len` bytes of the record at `at` into the buffer.
@@ -301,100 +358,19 @@ impl<R: Read + Seek> RecordReader<R> {
     }
 }
 
-/// Whether a record is read.
-fn matters(opcode: u8, len: u64) -> bool {
-    match opcode {
-        op::MESSAGE => len <= MAX_RECORD_LEN,
-        op::SCHEMA | op::CHANNEL | op::METADATA | op::STATISTICS => len <= MAX_OTHER_LEN,
-        _ => false,
-    }
+fn damaged_chunk(at: u64, reason: impl Into<String>) -> RecordError {
+    RecordError::Damaged { what: "chunk", at, reason: reason.into() }
 }
 
-/// A reader for one chunk, without a file around it.
-fn chunk_reader() -> LinearReader {
+/// A reader for one chunk, without a file around it. `validated`: it gives no record before the
+/// checksum of all of them is known to be right, and holds them in memory meanwhile.
+fn chunk_reader(validated: bool) -> LinearReader {
     LinearReader::new_with_options(LinearReaderOptions {
         skip_start_magic: true,
         skip_end_magic: true,
         validate_chunk_crcs: true,
+        prevalidate_chunk_crcs: validated,
         record_length_limit: Some(MAX_RECORD_LEN as usize),
         ..LinearReaderOptions::default()
     })
-}
-
-/// A record from its bytes; `None` when they do not fit.
-fn parse(opcode: u8, body: &[u8]) -> Option<Record<'_>> {
-    let mut fields = Fields(body);
-    Some(match opcode {
-        op::SCHEMA => {
-            Record::Schema { id: fields.u16()?, name: fields.string()?, encoding: fields.string()? }
-        }
-        op::CHANNEL => Record::Channel {
-            id: fields.u16()?,
-            schema: fields.u16()?,
-            topic: fields.string()?,
-            message_encoding: fields.string()?,
-        },
-        op::MESSAGE => {
-            let (channel, _sequence) = (fields.u16()?, fields.u32()?);
-            let (log_time, _publish_time) = (fields.u64()?, fields.u64()?);
-            Record::Message { channel, log_time, data: fields.0 }
-        }
-        op::METADATA => {
-            let name = fields.string()?;
-            let mut map = Fields(fields.bytes()?);
-            let mut entries = Vec::new();
-            while !map.0.is_empty() {
-                entries.push((map.string()?, map.string()?));
-            }
-            Record::Metadata { name, entries }
-        }
-        op::STATISTICS => {
-            // message_count u64; schemas u16; channels, attachments, metadata, chunks u32; first and
-            // last time u64.
-            fields.take(8 + 2 + 4 * 4 + 2 * 8)?;
-            let mut map = Fields(fields.bytes()?);
-            let mut message_counts = Vec::new();
-            while !map.0.is_empty() {
-                message_counts.push((map.u16()?, map.u64()?));
-            }
-            Record::Statistics { message_counts }
-        }
-        _ => return None,
-    })
-}
-
-/// The fields of a record, little-endian, in their order; `None` behind the end.
-struct Fields<'a>(&'a [u8]);
-
-impl<'a> Fields<'a> {
-    fn take(&mut self, len: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.0.split_at_checked(len)?;
-        self.0 = rest;
-        Some(taken)
-    }
-
-    fn number<const N: usize>(&mut self) -> Option<[u8; N]> {
-        self.take(N)?.try_into().ok()
-    }
-
-    fn u16(&mut self) -> Option<u16> {
-        self.number().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.number().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.number().map(u64::from_le_bytes)
-    }
-
-    fn bytes(&mut self) -> Option<&'a [u8]> {
-        let len = self.u32()?;
-        self.take(len as usize)
-    }
-
-    fn string(&mut self) -> Option<&'a str> {
-        std::str::from_utf8(self.bytes()?).ok()
-    }
 }

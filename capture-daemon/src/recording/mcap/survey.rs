@@ -1,25 +1,35 @@
 //! Finds out what a recording holds, and which of it to replay.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Seek};
 use std::path::Path;
 
-use super::records::{Record, RecordError, RecordReader};
-use crate::frame::CameraModel;
+use super::record::Record;
+use super::records::{RecordError, RecordReader};
+use super::{DEPTH_UNIT_KEY, METADATA_NAME, Part};
+use crate::recording::cdr::CdrError;
 use crate::recording::ros2::{self, CameraInfo, Image, MessageError};
-use crate::recording::{OpenError, OpenOptions};
+use crate::recording::{GivenCamera, OpenError, OpenOptions};
 
 /// Most topics that are looked at: what a survey remembers is bounded, whatever the file says.
 const MAX_TOPICS: usize = 4096;
 /// Longest name of a topic, bytes.
 const MAX_TOPIC_LEN: usize = 1024;
 
+/// Metres of one count where the recording does not say: millimetres.
+const DEFAULT_DEPTH_UNIT_M: f64 = 0.001;
+
 /// What to replay.
+#[derive(Clone, Debug)]
 pub(super) struct Selection {
     /// Topic of the depth images.
     pub(super) image_topic: String,
     /// Their intrinsics; of size 0×0 when they come from the options.
     pub(super) info: CameraInfo,
+    /// Metres of one count of images of whole numbers.
+    pub(super) depth_unit_m: f64,
+    /// Channels of the topic in each part, as far as they are known.
+    pub(super) channels: Vec<BTreeSet<u16>>,
 }
 
 /// What is known of one topic.
@@ -30,10 +40,12 @@ struct Topic {
     is_ros2: bool,
     /// Messages on it, where the file has statistics.
     messages: Option<u64>,
-    /// Encoding of its first image.
+    /// Encoding of its first image that has one.
     encoding: Option<String>,
-    /// Its first intrinsics.
-    info: Option<Result<CameraInfo, MessageError>>,
+    /// Why its first image has none.
+    refusal: Option<CdrError>,
+    /// Its first intrinsics; `None` in there: not calibrated.
+    info: Option<Result<Option<CameraInfo>, MessageError>>,
 }
 
 impl Topic {
@@ -52,20 +64,29 @@ impl Topic {
 
     /// What it is, for a message.
     fn describe(&self, name: &str) -> String {
-        match (&self.encoding, self.is_ros2) {
-            (Some(encoding), _) => format!("{name} ({encoding})"),
-            (None, true) => format!("{name} ({})", self.schema),
-            (None, false) => format!("{name} ({}, not a ROS 2 message)", self.schema),
+        match (&self.encoding, self.refusal, self.is_ros2) {
+            (Some(encoding), ..) => format!("{name} ({encoding})"),
+            (None, Some(refusal), _) => format!("{name} ({}: {refusal})", self.schema),
+            (None, None, true) => format!("{name} ({})", self.schema),
+            (None, None, false) => format!("{name} ({}, not a ROS 2 message)", self.schema),
         }
     }
 }
 
-/// The topics of a recording, by channel while it is read.
+/// The topics of a recording.
 #[derive(Default)]
-struct Survey {
+pub(super) struct Survey {
+    /// Of the part that is being read: name and whether it is a ROS 2 one.
     schemas: BTreeMap<u16, (String, bool)>,
+    /// Topics of the channels of the part that is being read.
     channels: BTreeMap<u16, String>,
+    /// The same of the parts that were read.
+    parts: Vec<BTreeMap<u16, String>>,
     topics: BTreeMap<String, Topic>,
+    /// Where the metadata of Sward's own recordings stand in the part that is being read.
+    metadata_at: Option<u64>,
+    /// What they say of the depth unit.
+    depth_unit: Option<String>,
     /// The first part of the file that could not be read.
     damage: Option<String>,
 }
@@ -73,13 +94,13 @@ struct Survey {
 impl Survey {
     fn note(&mut self, record: Record<'_>) {
         match record {
-            Record::Schema { id, name, encoding } => {
+            Record::Schema { id, name, encoding, .. } => {
                 self.schemas.insert(id, (name.to_owned(), encoding == "ros2msg"));
             }
             Record::Channel { topic, .. }
                 if topic.len() > MAX_TOPIC_LEN
                     || self.topics.len() >= MAX_TOPICS && !self.topics.contains_key(topic) => {}
-            Record::Channel { id, schema, topic, message_encoding } => {
+            Record::Channel { id, schema, topic, message_encoding, .. } => {
                 let (schema, ros2msg) = self.schemas.get(&schema).cloned().unwrap_or_default();
                 let known = self.topics.entry(topic.to_owned()).or_default();
                 known.schema = schema;
@@ -89,26 +110,39 @@ impl Survey {
             Record::Message { channel, data, .. } => {
                 let topic = self.channels.get(&channel).and_then(|topic| self.topics.get_mut(topic));
                 let Some(topic) = topic else { return };
+                // Other parts' statistics know nothing of this one's messages.
+                topic.messages = topic.messages.map(|messages| messages.max(1));
                 if topic.is_images() && topic.encoding.is_none() {
-                    topic.encoding = Image::encoding_of(data).map(str::to_owned);
+                    match Image::encoding_of(data) {
+                        Ok(encoding) => topic.encoding = Some(encoding.to_owned()),
+                        Err(error) => topic.refusal = topic.refusal.or(Some(error)),
+                    }
                 }
                 if topic.is_intrinsics() && topic.info.is_none() {
                     topic.info = Some(CameraInfo::decode(data));
                 }
             }
             Record::Statistics { message_counts } => {
-                let topics: Vec<String> = self.channels.values().cloned().collect();
-                for topic in topics {
-                    self.topics.entry(topic).or_default().messages = Some(0);
+                for topic in self.channels.values() {
+                    self.topics.entry(topic.clone()).or_default().messages.get_or_insert(0);
                 }
                 for (channel, count) in message_counts {
                     if let Some(topic) = self.channels.get(&channel) {
-                        let messages = &mut self.topics.entry(topic.clone()).or_default().messages;
-                        *messages = Some(messages.unwrap_or(0).saturating_add(count));
+                        let messages =
+                            self.topics.entry(topic.clone()).or_default().messages.get_or_insert(0);
+                        *messages = messages.saturating_add(count);
                     }
                 }
             }
-            Record::Metadata { .. } => {}
+            Record::Metadata { name: METADATA_NAME, entries } => {
+                let unit = entries.iter().find(|(key, _)| *key == DEPTH_UNIT_KEY);
+                self.depth_unit = unit.map(|(_, unit)| (*unit).to_owned());
+            }
+            Record::MetadataIndex { offset, name: METADATA_NAME } => self.metadata_at = Some(offset),
+            Record::Header { .. }
+            | Record::Attachment { .. }
+            | Record::Metadata { .. }
+            | Record::MetadataIndex { .. } => {}
         }
     }
 
@@ -129,6 +163,39 @@ impl Survey {
             }
         }
         Ok(())
+    }
+
+    /// Reads a part: a whole file to the first message of each topic that matters, one without a
+    /// summary to its end.
+    pub(super) fn read_part<R: Read + Seek>(
+        &mut self,
+        reader: &mut RecordReader<R>,
+    ) -> Result<(), std::io::Error> {
+        self.schemas.clear();
+        self.metadata_at = None;
+        let mut whole = reader.go_to_summary()?;
+        if whole {
+            self.read(reader, |_| false)?;
+            if let Some(at) = self.metadata_at {
+                reader.go_to(at)?;
+                // What cannot be read there is found again on the way through the file.
+                if let Ok(Some(record @ Record::Metadata { .. })) = reader.next() {
+                    self.note(record);
+                }
+            }
+            reader.go_to_start()?;
+            // A summary without channels promises nothing, nor does a damaged one.
+            whole = !self.channels.is_empty() && self.damage.is_none();
+        }
+        self.read(reader, |survey| whole && survey.topics.values().all(Topic::is_known))?;
+        self.parts.push(std::mem::take(&mut self.channels));
+        Ok(())
+    }
+
+    /// Notes a part that cannot be read.
+    pub(super) fn skip_part(&mut self, why: String) {
+        self.damage.get_or_insert(why);
+        self.parts.push(BTreeMap::new());
     }
 
     /// What there is, for a message.
@@ -173,25 +240,33 @@ impl Survey {
         &self,
         path: &Path,
         image_topic: &str,
-        otherwise: Option<CameraModel>,
+        otherwise: Option<&GivenCamera>,
     ) -> Result<CameraInfo, OpenError> {
         let beside = image_topic
             .rsplit_once('/')
             .map_or("camera_info".into(), |(parent, _)| format!("{parent}/camera_info"));
-        let all: Vec<(&String, &Topic)> =
-            self.topics.iter().filter(|(_, topic)| topic.info.is_some()).collect();
+        // Those of a camera that is not calibrated are none.
+        let all: Vec<(&String, Result<&CameraInfo, &MessageError>)> = self
+            .topics
+            .iter()
+            .filter_map(|(name, topic)| Some((name, topic.info.as_ref()?.as_ref())))
+            .filter_map(|(name, info)| Some((name, info.map(Option::as_ref).transpose()?)))
+            .collect();
         let chosen = match (all.iter().find(|(name, _)| **name == beside), all.as_slice()) {
             (Some(chosen), _) => Some(chosen),
             (None, [only]) => Some(only),
             (None, _) => None,
         };
-        let info = chosen.and_then(|(name, topic)| topic.info.clone().map(|info| (name, info)));
-        match (info, otherwise) {
-            (Some((topic, Err(error))), _) => {
-                Err(OpenError::Intrinsics { path: path.to_owned(), topic: (*topic).clone(), error })
+        match (chosen, otherwise) {
+            (Some((topic, Err(error))), _) => Err(OpenError::Intrinsics {
+                path: path.to_owned(),
+                topic: (*topic).clone(),
+                error: (*error).clone(),
+            }),
+            (Some((_, Ok(info))), _) => Ok((*info).clone()),
+            (None, Some(given)) => {
+                Ok(CameraInfo { size: (0, 0), camera: given.camera, distortion: given.distortion.clone() })
             }
-            (Some((_, Ok(info))), _) => Ok(info),
-            (None, Some(camera)) => Ok(CameraInfo { size: (0, 0), camera }),
             (None, None) => Err(OpenError::NoIntrinsics {
                 path: path.to_owned(),
                 image_topic: image_topic.to_owned(),
@@ -199,28 +274,41 @@ impl Survey {
             }),
         }
     }
+
+    fn select_depth_unit(&self, path: &Path) -> Result<f64, OpenError> {
+        let Some(text) = &self.depth_unit else { return Ok(DEFAULT_DEPTH_UNIT_M) };
+        match text.parse() {
+            Ok(unit) if (1e-6..=0.1).contains(&unit) => Ok(unit),
+            _ => Err(OpenError::DepthUnit { path: path.to_owned(), found: text.clone() }),
+        }
+    }
+
+    /// Selects the depth images and their intrinsics.
+    pub(super) fn select(&self, path: &Path, options: &OpenOptions) -> Result<Selection, OpenError> {
+        let image_topic = self.select_images(path, options.topic.as_deref())?;
+        let info = self.select_info(path, &image_topic, options.camera.as_ref())?;
+        let depth_unit_m = self.select_depth_unit(path)?;
+        let of_topic = |channels: &BTreeMap<u16, String>| {
+            channels.iter().filter(|(_, topic)| **topic == image_topic).map(|(&id, _)| id).collect()
+        };
+        let channels = self.parts.iter().map(of_topic).collect();
+        Ok(Selection { image_topic, info, depth_unit_m, channels })
+    }
 }
 
-/// Selects the depth images of a recording and their intrinsics.
-///
-/// A whole file is read to the first message of each topic that matters, one without a summary to
-/// its end.
-pub(super) fn select<R: Read + Seek>(
-    path: &Path,
-    reader: &mut RecordReader<R>,
-    options: &OpenOptions,
-) -> Result<Selection, OpenError> {
+/// Surveys the parts of a recording in their order.
+pub(super) fn survey(path: &Path, parts: &[Part]) -> Result<Survey, OpenError> {
     let mut survey = Survey::default();
-    let io = |source| OpenError::Io { path: path.to_owned(), source };
-    let whole = reader.go_to_summary().map_err(io)?;
-    if whole {
-        survey.read(reader, |_| false).map_err(io)?;
-        reader.go_to_start().map_err(io)?;
+    for part in parts {
+        match part.reader() {
+            Ok(mut reader) => survey
+                .read_part(&mut reader)
+                .map_err(|source| OpenError::Io { path: part.path.clone(), source })?,
+            Err(why) if parts.len() > 1 => survey.skip_part(format!("{}: {why}", part.path.display())),
+            Err(why) => {
+                return Err(OpenError::NotARecording { path: path.to_owned(), found: why.to_string() });
+            }
+        }
     }
-    // A summary without channels promises nothing.
-    let whole = whole && !survey.topics.is_empty();
-    survey.read(reader, |survey| whole && survey.topics.values().all(Topic::is_known)).map_err(io)?;
-    let image_topic = survey.select_images(path, options.topic.as_deref())?;
-    let info = survey.select_info(path, &image_topic, options.camera)?;
-    Ok(Selection { image_topic, info })
+    Ok(survey)
 }

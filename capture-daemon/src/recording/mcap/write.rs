@@ -20,6 +20,32 @@ const CHUNK_NS: u64 = 1_000_000_000;
 /// Bytes, before compression, after which a chunk ends anyway.
 const CHUNK_BYTES: u64 = 4 << 20;
 
+/// How every recording is written, of a profile and at a level of zstd's compression, 0 for its default.
+pub(in crate::recording) fn write_options(profile: &str, compression_level: u32) -> mcap::WriteOptions {
+    mcap::WriteOptions::new()
+        .profile(profile)
+        .library(concat!("sward ", env!("CARGO_PKG_VERSION")))
+        .compression(Some(mcap::Compression::Zstd))
+        .compression_level(compression_level)
+        .chunk_size(Some(CHUNK_BYTES))
+}
+
+/// The recording time that the messages of the chunk being written span, nanoseconds.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::recording) struct ChunkSpan(Option<(u64, u64)>);
+
+impl ChunkSpan {
+    /// Takes the next message's time. Whether the chunk must end before it, for no chunk is to span
+    /// [`CHUNK_NS`]; the message is then the first of the next one.
+    pub(in crate::recording) fn ends_before(&mut self, time: u64) -> bool {
+        let (first, last) = self.0.unwrap_or((time, time));
+        let (first, last) = (first.min(time), last.max(time));
+        let ends = last - first >= CHUNK_NS;
+        self.0 = Some(if ends { (time, time) } else { (first, last) });
+        ends
+    }
+}
+
 /// What a recording says about itself, in its metadata, and how hard it is compressed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingParams {
@@ -27,6 +53,8 @@ pub struct RecordingParams {
     pub sensor: String,
     /// Its serial number; empty: unknown.
     pub serial: String,
+    /// The configuration that it was made under, TOML; empty: unknown.
+    pub config: String,
     /// Level of the zstd compression: 1 to 22, 0 for its default, which keeps pace with a sensor.
     pub compression_level: u32,
 }
@@ -39,7 +67,7 @@ pub struct McapWriter<W: Write + Seek> {
     params: RecordingParams,
     depth_unit_m: Option<f64>,
     sequence: u32,
-    chunk_start_ns: u64,
+    span: ChunkSpan,
 }
 
 impl McapWriter<BufWriter<File>> {
@@ -59,13 +87,7 @@ impl<W: Write + Seek> McapWriter<W> {
     /// # Errors
     /// When it cannot be written.
     pub fn new(output: W, params: RecordingParams) -> Result<Self, WriteError> {
-        let mut writer = mcap::WriteOptions::new()
-            .profile("ros2")
-            .library(concat!("sward ", env!("CARGO_PKG_VERSION")))
-            .compression(Some(mcap::Compression::Zstd))
-            .compression_level(params.compression_level)
-            .chunk_size(Some(CHUNK_BYTES))
-            .create(output)?;
+        let mut writer = write_options("ros2", params.compression_level).create(output)?;
         let image = writer.add_schema(ros2::IMAGE, "ros2msg", ros2::IMAGE_DEFINITION.as_bytes())?;
         let camera =
             writer.add_schema(ros2::CAMERA_INFO, "ros2msg", ros2::CAMERA_INFO_DEFINITION.as_bytes())?;
@@ -73,8 +95,8 @@ impl<W: Write + Seek> McapWriter<W> {
         let qos = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
         let image_channel = writer.add_channel(image, IMAGE_TOPIC, "cdr", &qos)?;
         let info_channel = writer.add_channel(camera, CAMERA_INFO_TOPIC, "cdr", &qos)?;
-        let (sequence, chunk_start_ns) = (0, 0);
-        Ok(Self { writer, image_channel, info_channel, params, depth_unit_m: None, sequence, chunk_start_ns })
+        let span = ChunkSpan::default();
+        Ok(Self { writer, image_channel, info_channel, params, depth_unit_m: None, sequence: 0, span })
     }
 
     /// Adds a frame and its camera.
@@ -88,9 +110,8 @@ impl<W: Write + Seek> McapWriter<W> {
             Some(expected) => return Err(WriteError::DepthUnit { expected, found: frame.depth_unit_m }),
         }
         let time = frame.timestamp_ns;
-        if time.abs_diff(self.chunk_start_ns) >= CHUNK_NS {
+        if self.span.ends_before(time) {
             self.writer.flush()?;
-            self.chunk_start_ns = time;
         }
         let header = |channel_id| MessageHeader {
             channel_id,
@@ -101,7 +122,7 @@ impl<W: Write + Seek> McapWriter<W> {
         let (info, image) = (header(self.info_channel), header(self.image_channel));
         self.writer.write_to_known_channel(&info, &ros2::encode_camera_info(frame))?;
         self.writer.write_to_known_channel(&image, &ros2::encode_image(frame))?;
-        self.sequence += 1;
+        self.sequence = self.sequence.wrapping_add(1);
         Ok(())
     }
 
@@ -110,11 +131,11 @@ impl<W: Write + Seek> McapWriter<W> {
         let metadata = BTreeMap::from([
             ("sensor".to_owned(), self.params.sensor.clone()),
             ("serial".to_owned(), self.params.serial.clone()),
+            ("config".to_owned(), self.params.config.clone()),
             (DEPTH_UNIT_KEY.to_owned(), frame.depth_unit_m.to_string()),
         ]);
         self.writer.write_metadata(&Metadata { name: METADATA_NAME.to_owned(), metadata })?;
         self.depth_unit_m = Some(frame.depth_unit_m);
-        self.chunk_start_ns = frame.timestamp_ns;
         Ok(())
     }
 
