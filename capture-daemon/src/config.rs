@@ -4,6 +4,7 @@ use std::io::Read;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use common::refine::{RefineMethod, RefineParams};
 use serde::Deserialize;
 
 use crate::frame::{CameraModel, CameraPose};
@@ -137,12 +138,14 @@ pub struct RefineConfig {
     pub knots: usize,
     /// μ of Fan & Sheng's Eq. 1.
     pub distance_weight: f32,
+    /// How knots are chosen.
+    pub method: RefineMethod,
 }
 
 impl Default for RefineConfig {
     fn default() -> Self {
-        let common::refine::RefineParams { knots, distance_weight } = common::refine::RefineParams::default();
-        Self { knots, distance_weight }
+        let RefineParams { knots, distance_weight, method } = RefineParams::default();
+        Self { knots, distance_weight, method }
     }
 }
 
@@ -361,9 +364,10 @@ impl Config {
                     min_area_px: mask.min_area_px,
                     bridge_px: mask.bridge_px,
                 },
-                refine: common::refine::RefineParams {
+                refine: RefineParams {
                     knots: refine.knots,
                     distance_weight: refine.distance_weight,
+                    method: refine.method,
                 },
                 accept: AcceptParams {
                     min_length_m: blade.min_length_m,

@@ -23,6 +23,8 @@ impl Default for AcceptParams {
     }
 }
 
+/// Moments of a blade's motion in wind that its refinement looks at.
+pub const MOTION_FRAMES: usize = 12;
 /// A blade is at least this many times as long as it is wide.
 const MIN_ASPECT: f32 = 1.2;
 /// The midrib of a blade that was followed rightly lies on it but for gaps and what hides it.
@@ -148,7 +150,7 @@ pub fn finish(
     let blade_from_camera = Affine3A::from_mat3_translation(rotation, -(rotation * root));
     let skeleton = moved(&lifted.knots_in_camera, blade_from_camera);
     let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
-    let Refined { knots, hausdorff_m } = refine(&skeleton, &motion_in_wind(&midrib, 24), params);
+    let Refined { knots, hausdorff_m } = refine(&skeleton, &motion_in_wind(&midrib, MOTION_FRAMES), params);
     let quality = quality(lifted, frames, hausdorff_m);
     let id = BladeId::of(timestamp_ns, index, &knots);
     let name = format!("blade-{}", &id.to_string()[..8]);
