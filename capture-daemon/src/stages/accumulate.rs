@@ -1,8 +1,20 @@
 //! Frames of something that stands still, added up pixel by pixel: in which share of them a pixel is
 //! occupied tells where an edge runs below a pixel.
 
+use std::ops::RangeInclusive;
+
+use glam::Vec3;
+
 use super::mask::MaskParams;
+use super::register::{Motion, Reference};
 use crate::frame::DepthFrame;
+
+/// Parts of a count in which depths are added up: what moved by less than a count did move.
+const PARTS: f32 = 16.0;
+/// The sum of so many readings fits.
+const MAX_FRAMES: u32 = 4095;
+/// Less than this many pixels are no motion, but the noise of finding one.
+const STILL_PX: f32 = 0.2;
 
 /// Frames added up while what is held stands still.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,7 +26,7 @@ pub struct Accumulation {
     pub(super) hits: Vec<u16>,
     /// Frames in which the pixel had no reading.
     pub(super) silent: Vec<u16>,
-    /// Sum of the readings within the window.
+    /// Sum of the readings within the window, in [`PARTS`].
     sum: Vec<u32>,
     /// Sum of their squares.
     squares: Vec<u64>,
@@ -22,6 +34,20 @@ pub struct Accumulation {
     depth_unit_m: f64,
     /// Focal length of the camera, pixels.
     pub(super) focal_px: f32,
+    first: First,
+}
+
+/// What later frames are brought into line with.
+#[derive(Clone, Debug, PartialEq)]
+enum First {
+    /// There is no frame yet.
+    None,
+    /// The first frame.
+    Frame(DepthFrame),
+    /// What is needed of it.
+    Reference(Box<Reference>),
+    /// It shows too little to tell how it moves.
+    Vague,
 }
 
 impl Accumulation {
@@ -38,12 +64,14 @@ impl Accumulation {
             squares: vec![0; pixels],
             depth_unit_m: frame.depth_unit_m,
             focal_px: frame.camera.fx as f32,
+            first: First::None,
         }
     }
 
     /// Forgets all frames but keeps the memory.
     pub fn clear(&mut self) {
         self.frames = 0;
+        self.first = First::None;
         self.hits.fill(0);
         self.silent.fill(0);
         self.sum.fill(0);
@@ -60,16 +88,38 @@ impl Accumulation {
         self.frames
     }
 
-    /// Adds a frame of the same size. After 65,535 frames further ones are left out. O(pixels of the
-    /// region).
+    /// Adds a frame of the same size, after undoing how what it shows has moved since the first one; a
+    /// frame that shows something else is left out, and so are all after 4,095. O(pixels of the region).
     pub fn add(&mut self, frame: &DepthFrame, params: &MaskParams) {
-        if self.frames == u32::from(u16::MAX) {
+        if self.frames == MAX_FRAMES {
             return;
         }
-        self.frames += 1;
-        self.depth_unit_m = frame.depth_unit_m;
         let window = params.window(frame);
-        let [x0, y0, x1, y1] = params.region(self.width, self.height);
+        let region = params.region(self.width, self.height);
+        if let First::Frame(first) = &self.first {
+            let reference = Reference::of(first, region, &params.window(first));
+            self.first = reference.map_or(First::Vague, |reference| First::Reference(Box::new(reference)));
+        }
+        self.depth_unit_m = frame.depth_unit_m;
+        match &mut self.first {
+            First::None => {
+                self.first = First::Frame(frame.clone());
+                self.add_still(frame, &window, region);
+            }
+            First::Frame(_) | First::Vague => self.add_still(frame, &window, region),
+            First::Reference(reference) => match reference.motion_to(frame, region, &window) {
+                None => {}
+                Some(motion) if reference.shift_px(&motion) < STILL_PX => {
+                    self.add_still(frame, &window, region);
+                }
+                Some(motion) => self.add_moved(frame, &window, region, &motion),
+            },
+        }
+    }
+
+    fn add_still(&mut self, frame: &DepthFrame, window: &RangeInclusive<u16>, region: [usize; 4]) {
+        self.frames += 1;
+        let [x0, y0, x1, y1] = region;
         for y in y0..y1 {
             let row = y * self.width + x0..y * self.width + x1;
             let counters = self.hits[row.clone()].iter_mut().zip(&mut self.silent[row.clone()]);
@@ -77,9 +127,10 @@ impl Accumulation {
             for ((counts, (hits, silent)), (sum, squares)) in frame.depth[row].iter().zip(counters).zip(sums)
             {
                 if window.contains(counts) {
+                    let parts = u32::from(*counts) * PARTS as u32;
                     *hits += 1;
-                    *sum += u32::from(*counts);
-                    *squares += u64::from(*counts) * u64::from(*counts);
+                    *sum += parts;
+                    *squares += u64::from(parts) * u64::from(parts);
                 } else if *counts == 0 {
                     *silent += 1;
                 }
@@ -87,9 +138,51 @@ impl Accumulation {
         }
     }
 
+    /// Adds to each pixel what has moved away from it.
+    fn add_moved(
+        &mut self,
+        frame: &DepthFrame,
+        window: &RangeInclusive<u16>,
+        region: [usize; 4],
+        motion: &Motion,
+    ) {
+        let First::Reference(reference) = &self.first else { return };
+        self.frames += 1;
+        let [x0, y0, x1, y1] = region;
+        let camera = &frame.camera;
+        let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|value| value as f32);
+        let parts_per_m = (f64::from(PARTS) / frame.depth_unit_m) as f32;
+        for y in y0..y1 {
+            for x in reference.spans[y].clone() {
+                let index = y * self.width + x;
+                let z = reference.depth_m[index];
+                if z <= 0.0 {
+                    continue;
+                }
+                let here = Vec3::new((x as f32 - cx) / fx, (y as f32 - cy) / fy, 1.0) * z;
+                let there = motion.apply(here);
+                let u = (fx * there.x / there.z + cx + 0.5).floor();
+                let v = (fy * there.y / there.z + cy + 0.5).floor();
+                if !(u >= x0 as f32 && v >= y0 as f32 && u < x1 as f32 && v < y1 as f32) {
+                    continue;
+                }
+                let counts = frame.depth[v as usize * self.width + u as usize];
+                if window.contains(&counts) {
+                    let parts = f32::from(counts) * PARTS - (there.z - here.z) * parts_per_m;
+                    let parts = (parts + 0.5) as u32;
+                    self.hits[index] += 1;
+                    self.sum[index] += parts;
+                    self.squares[index] += u64::from(parts) * u64::from(parts);
+                } else if counts == 0 {
+                    self.silent[index] += 1;
+                }
+            }
+        }
+    }
+
     /// Mean depth of a pixel, metres; 0 where it was never within the window.
     pub(super) fn mean_m(&self, index: usize) -> f32 {
-        let hits = f64::from(self.hits[index].max(1));
+        let hits = f64::from(self.hits[index].max(1)) * f64::from(PARTS);
         (f64::from(self.sum[index]) / hits * self.depth_unit_m) as f32
     }
 
@@ -98,6 +191,6 @@ impl Accumulation {
         let hits = f64::from(self.hits[index].max(1));
         let mean = f64::from(self.sum[index]) / hits;
         let variance = self.squares[index] as f64 / hits - mean * mean;
-        (variance.max(0.0).sqrt() * self.depth_unit_m) as f32
+        (variance.max(0.0).sqrt() * self.depth_unit_m / f64::from(PARTS)) as f32
     }
 }

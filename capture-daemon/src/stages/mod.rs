@@ -11,6 +11,7 @@ mod join;
 pub mod lift;
 pub mod mask;
 pub mod partition;
+mod register;
 pub mod ribbon;
 pub mod section;
 pub mod skeleton;
