@@ -70,7 +70,7 @@ pub struct Refined {
 ///
 /// `skeleton`: ≥ 2 knots from root to tip; `motion`: the same vertices at some moments, as
 /// [`crate::strand::motion_in_wind`] gives them. Merging: O(n² + n·frames); fitting:
-/// O(n²·frames / knots).
+/// O(n·log n·frames).
 ///
 /// # Panics
 /// When a frame of `motion` has another number of vertices than the skeleton.

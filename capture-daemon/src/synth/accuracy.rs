@@ -7,7 +7,7 @@ use super::blade::SyntheticBlade;
 use super::clip::{Clip, ClipParams, ClipParamsError};
 use super::scene::{Family, Scene};
 use crate::session::{Session, SessionParams};
-use crate::stages::blade::CapturedBlade;
+use crate::stages::blade::{CapturedBlade, Quality};
 
 /// A captured blade belongs to a true one when their midribs are on average no farther apart, metres.
 pub const MATCH_M: f32 = 0.015;
@@ -29,6 +29,8 @@ pub struct BladeError {
     pub length_deviations: f32,
     /// Signed error of the largest width over the predicted one's standard deviation.
     pub width_deviations: f32,
+    /// What the capture told of it.
+    pub quality: Quality,
 }
 
 /// 95 % of a normal distribution lie within so many standard deviations.
@@ -56,6 +58,8 @@ pub struct ClipResult {
     pub truth: usize,
     /// The matched ones, in the truth's order.
     pub matched: Vec<BladeError>,
+    /// What the capture told of blades that are none.
+    pub unmatched: Vec<Quality>,
 }
 
 impl ClipResult {
@@ -97,14 +101,20 @@ pub fn measure(
         groups[visit].1.extend(capture.steps.blades);
     }
     for (truth, captured) in groups {
-        result.matched.extend(matches(truth, &captured, !scene.visits.is_empty()));
+        let (matched, unmatched) = matches(truth, &captured, !scene.visits.is_empty());
+        result.matched.extend(matched);
+        result.unmatched.extend(unmatched);
     }
     Ok(result)
 }
 
-/// The errors of true blades that were captured, in the truth's order: pairs are made from the closest
-/// on, each blade in one at most.
-fn matches(truth: &[SyntheticBlade], captured: &[CapturedBlade], in_hand: bool) -> Vec<BladeError> {
+/// The errors of true blades that were captured, in the truth's order, and what was told of captured ones
+/// that are no true ones: pairs are made from the closest on, each blade in one at most.
+fn matches(
+    truth: &[SyntheticBlade],
+    captured: &[CapturedBlade],
+    in_hand: bool,
+) -> (Vec<BladeError>, Vec<Quality>) {
     let true_midribs: Vec<Vec<Vec3>> = truth
         .iter()
         .map(|blade| blade.sections.iter().step_by(4).map(|section| section.center.as_vec3()).collect())
@@ -130,6 +140,7 @@ fn matches(truth: &[SyntheticBlade], captured: &[CapturedBlade], in_hand: bool) 
         let relative = |found: f32, truth: f64| (f64::from(found) / truth - 1.0).abs() as f32;
         let deviations = |found: f32, truth: f64, sigma: f32| (f64::from(found) - truth) as f32 / sigma;
         Some(BladeError {
+            quality: *quality,
             length_deviations: deviations(blade.length_m(), truth.length_m, quality.length_error_m),
             width_deviations: deviations(blade.max_width_m(), truth.max_width_m, quality.width_error_m),
             length: relative(blade.length_m(), truth.length_m),
@@ -138,7 +149,8 @@ fn matches(truth: &[SyntheticBlade], captured: &[CapturedBlade], in_hand: bool) 
             hausdorff_m: distance::hausdorff(midrib, &found),
         })
     });
-    errors.collect()
+    let unmatched = captured.iter().enumerate().filter(|(j, _)| !partner.contains(&Some(*j)));
+    (errors.collect(), unmatched.map(|(_, captured)| captured.quality).collect())
 }
 
 /// The translation that brings a midrib closest to another: from points to those nearest to them, both

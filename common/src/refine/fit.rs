@@ -14,7 +14,7 @@ const HALVINGS: usize = 12;
 ///
 /// A bound on the deviation decides how many vertices are needed: each stretch goes on for as long as it
 /// stays within. The bound is halved in until the count is met; vertices that are left over split the
-/// worst stretches. O(n²·frames / count) for each halving.
+/// worst stretches. O(n·log n·frames) for each halving.
 pub(super) fn keep(skeleton: &[Knot], motion: &Motion, distance_weight: f32, count: usize) -> Vec<usize> {
     let deviation = Deviation::new(skeleton, motion, distance_weight);
     let last = skeleton.len() - 1;
@@ -43,16 +43,29 @@ pub(super) fn keep(skeleton: &[Knot], motion: &Motion, distance_weight: f32, cou
 /// How far a blade deviates from straight stretches between its vertices.
 struct Deviation<'a> {
     skeleton: &'a [Knot],
-    motion: &'a Motion,
+    /// Each vertex's positions over time, one vertex after the other.
+    tracks: Vec<Vec3>,
+    frames: usize,
     /// Arc length from the root to each vertex.
     along: Vec<f32>,
     distance_weight: f32,
 }
 
 impl<'a> Deviation<'a> {
-    fn new(skeleton: &'a [Knot], motion: &'a Motion, distance_weight: f32) -> Self {
+    fn new(skeleton: &'a [Knot], motion: &Motion, distance_weight: f32) -> Self {
         let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
-        Self { skeleton, motion, along: polyline::cumulative_length(&midrib), distance_weight }
+        let tracks = (0..skeleton.len()).flat_map(|vertex| motion.iter().map(move |frame| frame[vertex]));
+        Self {
+            skeleton,
+            tracks: tracks.collect(),
+            frames: motion.len(),
+            along: polyline::cumulative_length(&midrib),
+            distance_weight,
+        }
+    }
+
+    fn track(&self, vertex: usize) -> &[Vec3] {
+        &self.tracks[vertex * self.frames..(vertex + 1) * self.frames]
     }
 
     /// Of the vertices between `from` and `to`, metres: μ times the farthest that an edge at rest is from
@@ -68,8 +81,9 @@ impl<'a> Deviation<'a> {
             rest = rest
                 .max(knot.left().distance_squared(a.left().lerp(b.left(), t)))
                 .max(knot.right().distance_squared(a.right().lerp(b.right(), t)));
-            for frame in self.motion {
-                moving = moving.max(frame[vertex].distance_squared(frame[from].lerp(frame[to], t)));
+            let ends = self.track(from).iter().zip(self.track(to));
+            for (position, (a, b)) in self.track(vertex).iter().zip(ends) {
+                moving = moving.max(position.distance_squared(*a + (*b - *a) * t));
             }
             if self.weighed(rest, moving) > bound {
                 break;
@@ -92,13 +106,27 @@ impl<'a> Deviation<'a> {
             if kept.len() == count {
                 return None;
             }
-            let mut to = from + 1;
-            while to < last && self.of(from, to + 1, bound) <= bound {
-                to += 1;
-            }
-            kept.push(to);
-            from = to;
+            from = self.farthest_within(from, bound);
+            kept.push(from);
         }
         Some(kept)
+    }
+
+    /// The end of the longest stretch from `from` on that stays within `bound`, by doubling and halving: a
+    /// longer one is taken to deviate more.
+    fn farthest_within(&self, from: usize, bound: f32) -> usize {
+        let last = self.skeleton.len() - 1;
+        let fits = |to: usize| self.of(from, to, bound) <= bound;
+        let (mut within, mut step) = (from + 1, 1);
+        while within < last && fits((within + step).min(last)) {
+            within = (within + step).min(last);
+            step *= 2;
+        }
+        let mut beyond = (within + step).min(last + 1);
+        while beyond - within > 1 {
+            let middle = within.midpoint(beyond);
+            if fits(middle) { within = middle } else { beyond = middle }
+        }
+        within
     }
 }
