@@ -99,7 +99,7 @@ impl Evidence {
             ln(self.pixels_across / 10.0, 0.05, 20.0),
             ln(self.length_px / 150.0, 0.05, 20.0),
             ln(self.frames as f32 / 17.0, 0.05, 4.0),
-            ln(self.depth_noise_m / 3e-4, 0.1, 30.0),
+            ln(self.depth_noise_m / 3e-4, 0.3, 4.0),
             yes(self.root == End::Shared),
             yes(self.root == End::Lost),
             yes(self.tip != End::Free),
@@ -125,36 +125,36 @@ impl Evidence {
     }
 }
 
-// Printed by `cargo run --release -p capture-daemon --example calibrate`.
+// Printed by `cargo run --release -p capture-daemon --example calibrate 120`.
 const LENGTH: [f32; FEATURES] = [
-    -4.993, // one
-    0.303,  // ln metres per pixel
-    0.437,  // ln pixels across
-    -0.266, // ln pixels long
-    0.000,  // ln frames
-    2.586,  // ln depth noise over its usual value
-    2.336,  // root shared
-    1.024,  // root lost
-    2.999,  // tip shared or lost
-    0.100,  // root blunt
-    -0.420, // tip blunt
-    2.911,  // share without both edges
-    3.311,  // share hidden or not seen
-    1.420,  // steepness
+    -5.767, // one
+    0.602,  // ln metres per pixel
+    0.225,  // ln pixels across
+    0.034,  // ln pixels long
+    0.152,  // ln frames
+    0.817,  // ln depth noise over its usual value
+    2.558,  // root shared
+    1.435,  // root lost
+    2.730,  // tip shared or lost
+    0.227,  // root blunt
+    1.436,  // tip blunt
+    2.197,  // share without both edges
+    2.826,  // share hidden or not seen
+    0.800,  // steepness
 ];
 const WIDTH: [f32; FEATURES] = [
-    -7.277, // one
-    -0.999, // ln metres per pixel
-    0.718,  // ln pixels across
-    -0.796, // ln pixels long
-    0.000,  // ln frames
-    3.864,  // ln depth noise over its usual value
-    0.428,  // root shared
-    -0.355, // root lost
-    -0.614, // tip shared or lost
-    0.731,  // root blunt
-    0.196,  // tip blunt
-    6.916,  // share without both edges
-    -3.103, // share hidden or not seen
-    -2.072, // steepness
+    -8.000, // one
+    0.394,  // ln metres per pixel
+    0.567,  // ln pixels across
+    -0.244, // ln pixels long
+    0.459,  // ln frames
+    2.057,  // ln depth noise over its usual value
+    0.805,  // root shared
+    -0.258, // root lost
+    -1.750, // tip shared or lost
+    0.392,  // root blunt
+    0.463,  // tip blunt
+    6.843,  // share without both edges
+    -4.472, // share hidden or not seen
+    0.248,  // steepness
 ];
