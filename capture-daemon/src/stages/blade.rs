@@ -22,7 +22,7 @@ pub struct AcceptParams {
 
 impl Default for AcceptParams {
     fn default() -> Self {
-        Self { min_length_m: 0.03, min_pixels_across: 2.5, min_score: 0.06 }
+        Self { min_length_m: 0.03, min_pixels_across: 2.5, min_score: 0.05 }
     }
 }
 
@@ -301,9 +301,8 @@ mod tests {
             ("too_steep", |lifted, _| lifted.length_px = 30.0),
             ("outside", |lifted, _| lifted.within_region = false),
             ("unsure", |_, evidence| {
-                (evidence.root, evidence.tip) = (End::Lost, End::Lost);
-                (evidence.edges_seen, evidence.hidden) = (0.0, 1.0);
-                (evidence.frames, evidence.depth_noise_m) = (1, 3e-3);
+                (evidence.root, evidence.tip) = (End::Shared, End::Lost);
+                (evidence.edges_seen, evidence.depth_noise_m) = (0.0, 3e-3);
             }),
             ("no_shape", |lifted, _| lifted.knots_in_camera[0].position.x = f32::NAN),
         ];

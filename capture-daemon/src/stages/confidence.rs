@@ -99,7 +99,7 @@ impl Evidence {
             ln(self.pixels_across / 10.0, 0.05, 20.0),
             ln(self.length_px / 150.0, 0.05, 20.0),
             ln(self.frames as f32 / 17.0, 0.05, 4.0),
-            ln(self.depth_noise_m / 3e-4, 0.3, 4.0),
+            ln(self.depth_noise_m / 3e-4, 0.3, 2.0),
             yes(self.root == End::Shared),
             yes(self.root == End::Lost),
             yes(self.tip != End::Free),
