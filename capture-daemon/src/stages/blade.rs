@@ -269,8 +269,11 @@ mod tests {
         (lifted, evidence)
     }
 
+    /// What makes a blade worse.
+    type Change = fn(&mut Lifted, &mut Evidence);
+
     /// What becomes of the good blade after a change.
-    fn verdict(change: fn(&mut Lifted, &mut Evidence)) -> Result<(), Refusal> {
+    fn verdict(change: Change) -> Result<(), Refusal> {
         let (mut lifted, mut evidence) = good();
         change(&mut lifted, &mut evidence);
         accept(&lifted, &evidence, &AcceptParams::default())?;
@@ -281,7 +284,7 @@ mod tests {
     fn each_code_can_be_produced_and_is_documented() {
         assert_eq!(verdict(|_, _| ()), Ok(()));
         let document = include_str!("../../docs/refusals.md");
-        let check = |code: &str, change: fn(&mut Lifted, &mut Evidence)| {
+        let check = |code: &str, change: Change| {
             let refusal = verdict(change).expect_err("it is not good any more");
             assert_eq!(refusal.code(), code);
             assert!(refusal.to_string().starts_with("Please "), "{refusal}");
@@ -290,7 +293,7 @@ mod tests {
             let row = document.lines().find(|line| line.starts_with(&format!("| `{code}` |")));
             assert!(row.is_some_and(|row| row.contains(advice)), "{code} is not documented: {sentence}");
         };
-        let checks: [(&str, fn(&mut Lifted, &mut Evidence)); 9] = [
+        let checks: [(&str, Change); 9] = [
             ("too_far", |lifted, _| lifted.metres_per_px = 0.005),
             ("too_narrow", |lifted, _| lifted.pixels_across = 2.0),
             ("too_short", |lifted, _| (lifted.length_m, lifted.length_px) = (0.02, 22.0)),
