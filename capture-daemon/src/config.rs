@@ -4,6 +4,7 @@ use std::io::Read;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use common::refine::{RefineMethod, RefineParams};
 use serde::{Deserialize, Serialize};
 
 use crate::frame::{CameraModel, CameraPose};
@@ -125,12 +126,14 @@ pub struct BladeConfig {
     pub min_length_m: f32,
     /// Fewest pixels across.
     pub min_pixels_across: f32,
+    /// Lowest score.
+    pub min_score: f32,
 }
 
 impl Default for BladeConfig {
     fn default() -> Self {
-        let AcceptParams { min_length_m, min_pixels_across } = AcceptParams::default();
-        Self { min_length_m, min_pixels_across }
+        let AcceptParams { min_length_m, min_pixels_across, min_score } = AcceptParams::default();
+        Self { min_length_m, min_pixels_across, min_score }
     }
 }
 
@@ -142,12 +145,14 @@ pub struct RefineConfig {
     pub knots: usize,
     /// μ of Fan & Sheng's Eq. 1.
     pub distance_weight: f32,
+    /// How knots are chosen.
+    pub method: RefineMethod,
 }
 
 impl Default for RefineConfig {
     fn default() -> Self {
-        let common::refine::RefineParams { knots, distance_weight } = common::refine::RefineParams::default();
-        Self { knots, distance_weight }
+        let RefineParams { knots, distance_weight, method } = RefineParams::default();
+        Self { knots, distance_weight, method }
     }
 }
 
@@ -344,6 +349,7 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
         .or_else(|| within("capture.still_px", capture.still_px, 0.1..=1000.0))
         .or_else(|| within("blade.min_length_m", blade.min_length_m.into(), 0.001..=10.0))
         .or_else(|| within("blade.min_pixels_across", blade.min_pixels_across.into(), 0.5..=100.0))
+        .or_else(|| within("blade.min_score", blade.min_score.into(), 0.0..=1.0))
         .or_else(|| within("refine.knots", refine.knots as f64, 2.0..=64.0))
         .or_else(|| within("refine.distance_weight", refine.distance_weight.into(), 0.0..=1.0))
 }
@@ -392,13 +398,15 @@ impl Config {
                     min_area_px: mask.min_area_px,
                     bridge_px: mask.bridge_px,
                 },
-                refine: common::refine::RefineParams {
+                refine: RefineParams {
                     knots: refine.knots,
                     distance_weight: refine.distance_weight,
+                    method: refine.method,
                 },
                 accept: AcceptParams {
                     min_length_m: blade.min_length_m,
                     min_pixels_across: blade.min_pixels_across,
+                    min_score: blade.min_score,
                 },
                 pose: CameraPose { tilt_rad: camera.tilt_rad, roll_rad: camera.roll_rad },
             },

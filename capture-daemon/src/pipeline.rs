@@ -6,6 +6,7 @@ use common::refine::RefineParams;
 use crate::frame::{CameraModel, CameraPose};
 use crate::stages::accumulate::Accumulation;
 use crate::stages::blade::{self, AcceptParams, CapturedBlade, Refusal};
+use crate::stages::confidence::Evidence;
 use crate::stages::contour::{self, Outline};
 use crate::stages::lift::{self, Lifted};
 use crate::stages::mask::{self, Mask, MaskParams};
@@ -68,22 +69,23 @@ pub fn capture(
         .map(|outline| partition::root_distance(&mask, &mask.blobs, outline, &partition))
         .collect();
     let ribbons = ribbon::grow(&mask, &parts, &fields, &RibbonParams { down, ..RibbonParams::default() });
-    let skeletons: Vec<Skeleton> =
-        ribbons.iter().filter_map(|ribbon| skeleton::trace(&mask, ribbon)).collect();
+    let (traced, skeletons): (Vec<&Ribbon>, Vec<Skeleton>) =
+        ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon)?))).unzip();
     let lifted: Vec<Lifted> = skeletons.iter().map(|skeleton| lift::lift(&mask, skeleton, camera)).collect();
 
     let (mut accepted, mut refused) = (Vec::new(), Vec::new());
-    for lifted in &lifted {
-        match blade::accept(lifted, &params.accept) {
-            Ok(()) => accepted.push(lifted),
+    for (lifted, ribbon) in lifted.iter().zip(traced) {
+        let evidence = Evidence::of(ribbon, lifted, mask.frames, mask.depth_noise_m);
+        match blade::accept(lifted, &evidence, &params.accept) {
+            Ok(()) => accepted.push((lifted, evidence)),
             Err(reason) => refused.push(reason),
         }
     }
-    accepted.sort_by(|a, b| a.root_x_m().total_cmp(&b.root_x_m()));
+    accepted.sort_by(|a, b| a.0.root_x_m().total_cmp(&b.0.root_x_m()));
     let mut blades = Vec::new();
-    for lifted in accepted {
+    for (lifted, evidence) in accepted {
         let index = blades.len() as u32;
-        match blade::finish(lifted, mask.frames, timestamp_ns, index, &params.pose, &params.refine) {
+        match blade::finish(lifted, evidence, timestamp_ns, index, &params.pose, &params.refine) {
             Ok(captured) => blades.push(captured),
             Err(reason) => refused.push(reason),
         }

@@ -145,26 +145,31 @@ pub type Motion = Vec<Vec<Vec3>>;
 
 /// How a blade with this midrib (≥ 2 points) moves in a gusty wind: `frames` samples, evenly over two
 /// seconds from rest. Two winds at right angles with their own rhythms, so that bending in both
-/// directions takes part.
+/// directions takes part. See [`motion_under`].
+pub fn motion_in_wind(midrib: &[Vec3], frames: usize) -> Motion {
+    // Bends a blade of 0.2 m by up to 0.4 of its length.
+    const STRENGTH: f32 = 1.5;
+    let wind = |t: f32| Vec3::new((3.1 * t).sin() + 0.4 * (11.3 * t).sin(), 0.0, 0.7 * (2.3 * t + 1.0).sin());
+    motion_under(midrib, frames, |t| wind(t) * STRENGTH)
+}
+
+/// How a blade with this midrib (≥ 2 points) moves under `wind`, an acceleration in m/s² at a time in
+/// seconds: `frames` samples, evenly over two seconds from rest.
 ///
 /// The stiffness of a chain depends on its number of links, so the midrib is simulated with 16
 /// links whatever its own number, and its vertices are carried along by cubic interpolation.
 /// O(frames · vertices + 120 · 16).
-pub fn motion_in_wind(midrib: &[Vec3], frames: usize) -> Motion {
+pub fn motion_under(midrib: &[Vec3], frames: usize, wind: impl Fn(f32) -> Vec3) -> Motion {
     const LINKS: usize = 16;
     const STEPS: usize = 120;
     const DT: f32 = 1.0 / 60.0;
-    // Bends a blade of 0.2 m by up to 0.4 of its length.
-    const STRENGTH: f32 = 1.5;
     let params = StrandParams::default();
     let cumulative = polyline::cumulative_length(midrib);
     let total = cumulative.last().copied().unwrap_or(0.0).max(f32::MIN_POSITIVE);
     let mut strand = Strand::at_rest(&polyline::resample(midrib, LINKS + 1));
     let mut motion = Vec::with_capacity(frames);
     for step in 1..=STEPS {
-        let t = step as f32 * DT;
-        let wind = Vec3::new((3.1 * t).sin() + 0.4 * (11.3 * t).sin(), 0.0, 0.7 * (2.3 * t + 1.0).sin());
-        strand.step(DT, wind * STRENGTH, &params);
+        strand.step(DT, wind(step as f32 * DT), &params);
         if step * frames / STEPS > (step - 1) * frames / STEPS {
             let at = |s: &f32| cubic(strand.positions(), s / total * LINKS as f32);
             motion.push(cumulative.iter().map(at).collect());

@@ -5,6 +5,7 @@ use common::refine::{RefineParams, Refined, refine};
 use common::strand::motion_in_wind;
 use glam::{Affine3A, Vec3};
 
+use super::confidence::Evidence;
 use super::lift::Lifted;
 use crate::frame::CameraPose;
 
@@ -15,14 +16,18 @@ pub struct AcceptParams {
     pub min_length_m: f32,
     /// Fewest pixels across the widest cross-section.
     pub min_pixels_across: f32,
+    /// Lowest score, 0..=1.
+    pub min_score: f32,
 }
 
 impl Default for AcceptParams {
     fn default() -> Self {
-        Self { min_length_m: 0.03, min_pixels_across: 2.5 }
+        Self { min_length_m: 0.03, min_pixels_across: 2.5, min_score: 0.05 }
     }
 }
 
+/// Moments of a blade's motion in wind that its refinement looks at.
+pub const MOTION_FRAMES: usize = 12;
 /// A blade is at least this many times as long as it is wide.
 const MIN_ASPECT: f32 = 1.2;
 /// The midrib of a blade that was followed rightly lies on it but for gaps and what hides it.
@@ -33,8 +38,8 @@ const MAX_M_PER_PX: f32 = 0.004;
 /// metres of midrib for a metre across the picture.
 const MAX_STEEPNESS: f32 = 4.0;
 
-/// How sure a blade is. Predictions are one standard deviation, from the jitter of single edges; they
-/// are not calibrated against truth.
+/// How sure a blade is. Predictions are one standard deviation, calibrated against truth: see
+/// [`super::confidence`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
     /// 0 to 1.
@@ -47,6 +52,8 @@ pub struct Quality {
     pub length_error_m: f32,
     /// Predicted error of the largest width, metres.
     pub width_error_m: f32,
+    /// What both are told from.
+    pub evidence: Evidence,
 }
 
 /// A blade as it was captured.
@@ -60,25 +67,26 @@ pub struct CapturedBlade {
     pub quality: Quality,
 }
 
-/// Why something that was seen is not a blade.
+/// Why something that was seen is not a blade: a sentence that a visitor can act on. `docs/refusals.md`
+/// lists all of them.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Refusal {
+    /// So far off that a pixel spans too much of it.
+    #[error("Please come closer: from so far away it cannot be measured.")]
+    TooFar {
+        /// Metres that a pixel spans.
+        metres_per_px: f32,
+    },
     /// Too few pixels across for a width.
-    #[error("it is only {found:.1} pixels wide where {needed:.1} are needed: please hold it closer")]
+    #[error("Please hold it a little closer: from here it looks too thin to be measured.")]
     TooNarrow {
         /// Pixels across.
         found: f32,
         /// Pixels needed.
         needed: f32,
     },
-    /// So far off that a pixel spans too much of it.
-    #[error("it is too far away, a pixel spans {:.1} mm of it: please come closer", metres_per_px * 1e3)]
-    TooFar {
-        /// Metres that a pixel spans.
-        metres_per_px: f32,
-    },
     /// Shorter than a blade may be.
-    #[error("it is only {:.0} mm long where {:.0} are needed: please hold a longer one", found_m * 1e3, needed_m * 1e3)]
+    #[error("Please hold up a longer one: {:.0} mm can be seen of it, and {:.0} mm are needed.", found_m * 1e3, needed_m * 1e3)]
     TooShort {
         /// Length, metres.
         found_m: f32,
@@ -86,21 +94,44 @@ pub enum Refusal {
         needed_m: f32,
     },
     /// About as wide as it is long.
-    #[error("it is too broad for a blade or a leaf: please hold up a single one, with the tip free")]
+    #[error("Please hold up a single blade or leaf with its tip free: this is too broad for one.")]
     TooBroad,
-    /// No midrib that stays on it, or one that runs straight away from the camera.
-    #[error("its shape could not be followed: please hold it still and flat towards the camera")]
+    /// Its midrib is not where anything was seen.
+    #[error("Please spread the blades a little: too much of this one is hidden.")]
+    Hidden,
+    /// It runs straight away from the camera.
+    #[error("Please turn it flat towards the camera: it points at the camera or away from it.")]
+    TooSteep,
+    /// It leaves the picture, or the region of interest.
+    #[error("Please hold it nearer to the middle: a part of it is outside of the picture.")]
+    Outside,
+    /// Its errors would be too large.
+    #[error(
+        "Please hold it still, with the blades spread a little: it was not seen well enough to be measured."
+    )]
+    Unsure {
+        /// Its score.
+        score: f32,
+        /// The score needed.
+        needed: f32,
+    },
+    /// No midrib whose knots are a blade's.
+    #[error("Please hold it up once more: its shape could not be followed.")]
     NoShape,
 }
 
 impl Refusal {
-    /// A word for logs and programs.
+    /// A word for logs and programs, which stays when the sentence is put better.
     pub fn code(&self) -> &'static str {
         match self {
             Self::TooFar { .. } => "too_far",
             Self::TooNarrow { .. } => "too_narrow",
             Self::TooShort { .. } => "too_short",
             Self::TooBroad => "too_broad",
+            Self::Hidden => "hidden",
+            Self::TooSteep => "too_steep",
+            Self::Outside => "outside",
+            Self::Unsure { .. } => "unsure",
             Self::NoShape => "no_shape",
         }
     }
@@ -110,13 +141,18 @@ impl Refusal {
 ///
 /// # Errors
 /// The reason why it is not.
-pub fn accept(lifted: &Lifted, params: &AcceptParams) -> Result<(), Refusal> {
+pub fn accept(lifted: &Lifted, evidence: &Evidence, params: &AcceptParams) -> Result<(), Refusal> {
     if lifted.metres_per_px > MAX_M_PER_PX {
         return Err(Refusal::TooFar { metres_per_px: lifted.metres_per_px });
     }
-    let steep = lifted.length_m > MAX_STEEPNESS * lifted.length_px * lifted.metres_per_px;
-    if lifted.seen < MIN_SEEN || steep || !lifted.within_region {
-        return Err(Refusal::NoShape);
+    if !lifted.within_region {
+        return Err(Refusal::Outside);
+    }
+    if lifted.length_m > MAX_STEEPNESS * lifted.length_px * lifted.metres_per_px {
+        return Err(Refusal::TooSteep);
+    }
+    if lifted.seen < MIN_SEEN {
+        return Err(Refusal::Hidden);
     }
     if lifted.pixels_across < params.min_pixels_across {
         return Err(Refusal::TooNarrow { found: lifted.pixels_across, needed: params.min_pixels_across });
@@ -127,17 +163,21 @@ pub fn accept(lifted: &Lifted, params: &AcceptParams) -> Result<(), Refusal> {
     if lifted.length_m < MIN_ASPECT * lifted.max_width_m() {
         return Err(Refusal::TooBroad);
     }
+    let score = score(lifted, evidence);
+    if score < params.min_score {
+        return Err(Refusal::Unsure { score, needed: params.min_score });
+    }
     Ok(())
 }
 
 /// Refines a skeleton in the blade frame and gives it its identity: `index` in the capture that the
-/// frame at `timestamp_ns` completed, from `frames` frames.
+/// frame at `timestamp_ns` completed.
 ///
 /// # Errors
 /// [`Refusal::NoShape`] when its knots break an invariant of [`Blade`].
 pub fn finish(
     lifted: &Lifted,
-    frames: u32,
+    evidence: Evidence,
     timestamp_ns: u64,
     index: u32,
     pose: &CameraPose,
@@ -148,8 +188,8 @@ pub fn finish(
     let blade_from_camera = Affine3A::from_mat3_translation(rotation, -(rotation * root));
     let skeleton = moved(&lifted.knots_in_camera, blade_from_camera);
     let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
-    let Refined { knots, hausdorff_m } = refine(&skeleton, &motion_in_wind(&midrib, 24), params);
-    let quality = quality(lifted, frames, hausdorff_m);
+    let Refined { knots, hausdorff_m } = refine(&skeleton, &motion_in_wind(&midrib, MOTION_FRAMES), params);
+    let quality = quality(lifted, evidence, hausdorff_m);
     let id = BladeId::of(timestamp_ns, index, &knots);
     let name = format!("blade-{}", &id.to_string()[..8]);
     let knots_in_camera = moved(&knots, blade_from_camera.inverse());
@@ -168,22 +208,121 @@ fn moved(knots: &[Knot], by: Affine3A) -> Vec<Knot> {
     knots.iter().map(knot).collect()
 }
 
-fn quality(lifted: &Lifted, frames: u32, hausdorff_m: f32) -> Quality {
-    // σ of one edge in one row of one frame, pixels (DESIGN.md section 10), and the rows that the
-    // smoothing of the widths averages over.
-    const EDGE_PX: f32 = 0.45;
-    const ROWS: f32 = 8.0;
-    let readings = frames.max(1) as f32 * ROWS;
-    let width_error_px = EDGE_PX * (2.0 / readings).sqrt();
-    // Root and tip are each known to about a pixel.
-    let length_error_px = (2.0 * (0.8 * 0.8 + EDGE_PX * EDGE_PX / frames.max(1) as f32)).sqrt();
-    let relative_error = width_error_px / lifted.pixels_across.max(1.0);
-    let sharp = (1.0 - 4.0 * relative_error).clamp(0.0, 1.0) * (lifted.pixels_across / 6.0).min(1.0);
+fn quality(lifted: &Lifted, evidence: Evidence, hausdorff_m: f32) -> Quality {
+    let [length_error_m, width_error_m] = evidence.errors_m();
     Quality {
-        score: sharp * lifted.seen.clamp(0.0, 1.0),
+        score: score(lifted, &evidence),
         pixels_across: lifted.pixels_across,
         hausdorff_m,
-        length_error_m: length_error_px * lifted.metres_per_px,
-        width_error_m: width_error_px * lifted.metres_per_px,
+        length_error_m,
+        width_error_m,
+        evidence,
+    }
+}
+
+/// 1 for a blade without error, ½ for one whose errors of length and width are 10 % together, one standard
+/// deviation each; 0..=1.
+fn score(lifted: &Lifted, evidence: &Evidence) -> f32 {
+    const HALF: f32 = 0.1;
+    let [length, width] = evidence.errors_m();
+    let relative =
+        length / lifted.length_m.max(f32::MIN_POSITIVE) + width / lifted.max_width_m().max(f32::MIN_POSITIVE);
+    1.0 / (1.0 + relative / HALF)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stages::ribbon::End;
+
+    /// A blade 0.15 m long and 9 mm wide that is seen well, half a metre away.
+    fn good() -> (Lifted, Evidence) {
+        let knot = |i: usize| Knot {
+            position: Vec3::new(0.0, 0.15 * (0.5 - i as f32 / 127.0), 0.5),
+            half_width_left: 0.0045 * (1.0 - i as f32 / 127.0),
+            across: Vec3::X,
+            half_width_right: 0.0045 * (1.0 - i as f32 / 127.0),
+        };
+        let lifted = Lifted {
+            knots_in_camera: (0..128).map(knot).collect(),
+            length_m: 0.15,
+            pixels_across: 10.0,
+            metres_per_px: 0.9e-3,
+            length_px: 166.0,
+            seen: 1.0,
+            within_region: true,
+        };
+        let evidence = Evidence {
+            metres_per_px: 0.9e-3,
+            pixels_across: 10.0,
+            length_px: 166.0,
+            frames: 17,
+            depth_noise_m: 2.1e-4,
+            root: End::Free,
+            tip: End::Free,
+            root_blunt: 1.0,
+            tip_blunt: 0.0,
+            edges_seen: 1.0,
+            hidden: 0.0,
+            steepness: 0.0,
+        };
+        (lifted, evidence)
+    }
+
+    /// What makes a blade worse.
+    type Change = fn(&mut Lifted, &mut Evidence);
+
+    /// What becomes of the good blade after a change.
+    fn verdict(change: Change) -> Result<(), Refusal> {
+        let (mut lifted, mut evidence) = good();
+        change(&mut lifted, &mut evidence);
+        accept(&lifted, &evidence, &AcceptParams::default())?;
+        finish(&lifted, evidence, 1, 0, &CameraPose::default(), &RefineParams::default()).map(|_| ())
+    }
+
+    #[test]
+    fn each_code_can_be_produced_and_is_documented() {
+        assert_eq!(verdict(|_, _| ()), Ok(()));
+        let document = include_str!("../../docs/refusals.md");
+        let check = |code: &str, change: Change| {
+            let refusal = verdict(change).expect_err("it is not good any more");
+            assert_eq!(refusal.code(), code);
+            assert!(refusal.to_string().starts_with("Please "), "{refusal}");
+            let sentence = refusal.to_string();
+            let advice = sentence.split(':').next().expect("a sentence has a beginning");
+            let row = document.lines().find(|line| line.starts_with(&format!("| `{code}` |")));
+            assert!(row.is_some_and(|row| row.contains(advice)), "{code} is not documented: {sentence}");
+        };
+        let checks: [(&str, Change); 9] = [
+            ("too_far", |lifted, _| lifted.metres_per_px = 0.005),
+            ("too_narrow", |lifted, _| lifted.pixels_across = 2.0),
+            ("too_short", |lifted, _| (lifted.length_m, lifted.length_px) = (0.02, 22.0)),
+            ("too_broad", |lifted, _| {
+                lifted.knots_in_camera[3].half_width_left = 0.14;
+            }),
+            ("hidden", |lifted, _| lifted.seen = 0.3),
+            ("too_steep", |lifted, _| lifted.length_px = 30.0),
+            ("outside", |lifted, _| lifted.within_region = false),
+            ("unsure", |_, evidence| {
+                (evidence.root, evidence.tip) = (End::Shared, End::Lost);
+                (evidence.edges_seen, evidence.depth_noise_m) = (0.0, 3e-3);
+            }),
+            ("no_shape", |lifted, _| lifted.knots_in_camera[0].position.x = f32::NAN),
+        ];
+        for (code, change) in checks {
+            check(code, change);
+        }
+        let rows = document.lines().filter(|line| line.starts_with("| `")).count();
+        assert_eq!(rows, checks.len(), "a code is documented that cannot be produced");
+    }
+
+    #[test]
+    fn a_worse_view_gives_a_lower_score_and_larger_errors() {
+        let (lifted, good) = good();
+        let worse = Evidence { edges_seen: 0.4, root: End::Lost, ..good };
+        let [before, after] = [good, worse].map(|evidence| quality(&lifted, evidence, 0.0));
+        assert!(after.score < before.score, "{before:?} {after:?}");
+        assert!(after.length_error_m > before.length_error_m, "{before:?} {after:?}");
+        assert!((0.0..=1.0).contains(&after.score) && (0.5..=1.0).contains(&before.score), "{before:?}");
     }
 }

@@ -5,6 +5,7 @@
 
 pub mod accumulate;
 pub mod blade;
+pub mod confidence;
 pub mod contour;
 pub mod hand;
 mod join;

@@ -7,7 +7,7 @@ use super::blade::SyntheticBlade;
 use super::clip::{Clip, ClipParams, ClipParamsError};
 use super::scene::{Family, Scene};
 use crate::session::{Session, SessionParams};
-use crate::stages::blade::CapturedBlade;
+use crate::stages::blade::{CapturedBlade, Quality};
 
 /// A captured blade belongs to a true one when their midribs are on average no farther apart, metres.
 pub const MATCH_M: f32 = 0.015;
@@ -25,6 +25,22 @@ pub struct BladeError {
     pub midrib_m: f32,
     /// Hausdorff distance of the midribs, metres; of blades in a hand after the best translation.
     pub hausdorff_m: f32,
+    /// Signed error of the length over the predicted one's standard deviation.
+    pub length_deviations: f32,
+    /// Signed error of the largest width over the predicted one's standard deviation.
+    pub width_deviations: f32,
+    /// What the capture told of it.
+    pub quality: Quality,
+}
+
+/// 95 % of a normal distribution lie within so many standard deviations.
+pub const BAND_95: f32 = 1.96;
+
+impl BladeError {
+    /// Whether the true length and the true width each lie in the predicted 95 % band.
+    pub fn within_bands(&self) -> [bool; 2] {
+        [self.length_deviations, self.width_deviations].map(|deviations| deviations.abs() <= BAND_95)
+    }
 }
 
 /// What became of one clip.
@@ -42,6 +58,8 @@ pub struct ClipResult {
     pub truth: usize,
     /// The matched ones, in the truth's order.
     pub matched: Vec<BladeError>,
+    /// What the capture told of blades that are none.
+    pub unmatched: Vec<Quality>,
 }
 
 impl ClipResult {
@@ -83,14 +101,20 @@ pub fn measure(
         groups[visit].1.extend(capture.steps.blades);
     }
     for (truth, captured) in groups {
-        result.matched.extend(matches(truth, &captured, !scene.visits.is_empty()));
+        let (matched, unmatched) = matches(truth, &captured, !scene.visits.is_empty());
+        result.matched.extend(matched);
+        result.unmatched.extend(unmatched);
     }
     Ok(result)
 }
 
-/// The errors of true blades that were captured, in the truth's order: pairs are made from the closest
-/// on, each blade in one at most.
-fn matches(truth: &[SyntheticBlade], captured: &[CapturedBlade], in_hand: bool) -> Vec<BladeError> {
+/// The errors of true blades that were captured, in the truth's order, and what was told of captured ones
+/// that are no true ones: pairs are made from the closest on, each blade in one at most.
+fn matches(
+    truth: &[SyntheticBlade],
+    captured: &[CapturedBlade],
+    in_hand: bool,
+) -> (Vec<BladeError>, Vec<Quality>) {
     let true_midribs: Vec<Vec<Vec3>> = truth
         .iter()
         .map(|blade| blade.sections.iter().step_by(4).map(|section| section.center.as_vec3()).collect())
@@ -109,18 +133,24 @@ fn matches(truth: &[SyntheticBlade], captured: &[CapturedBlade], in_hand: bool) 
         }
     }
     let errors = truth.iter().zip(&true_midribs).zip(&partner).filter_map(|((truth, midrib), partner)| {
-        let (blade, found) = (&captured[(*partner)?].blade, &midribs[(*partner)?]);
+        let CapturedBlade { blade, quality, .. } = &captured[(*partner)?];
+        let found = &midribs[(*partner)?];
         let by = if in_hand { best_translation(found, midrib) } else { Vec3::ZERO };
         let found: Vec<Vec3> = found.iter().map(|&point| point + by).collect();
         let relative = |found: f32, truth: f64| (f64::from(found) / truth - 1.0).abs() as f32;
+        let deviations = |found: f32, truth: f64, sigma: f32| (f64::from(found) - truth) as f32 / sigma;
         Some(BladeError {
+            quality: *quality,
+            length_deviations: deviations(blade.length_m(), truth.length_m, quality.length_error_m),
+            width_deviations: deviations(blade.max_width_m(), truth.max_width_m, quality.width_error_m),
             length: relative(blade.length_m(), truth.length_m),
             max_width: relative(blade.max_width_m(), truth.max_width_m),
             midrib_m: mean_distance(midrib, &found),
             hausdorff_m: distance::hausdorff(midrib, &found),
         })
     });
-    errors.collect()
+    let unmatched = captured.iter().enumerate().filter(|(j, _)| !partner.contains(&Some(*j)));
+    (errors.collect(), unmatched.map(|(_, captured)| captured.quality).collect())
 }
 
 /// The translation that brings a midrib closest to another: from points to those nearest to them, both
@@ -163,44 +193,109 @@ pub struct Summary {
     pub clips: usize,
     /// Seeds of those that are not exact.
     pub inexact: Vec<u64>,
+    /// Matched blades.
+    pub matched: usize,
     /// Half of the matched blades have smaller errors.
-    pub median: BladeError,
+    pub median: Errors,
     /// 95 % of the matched blades have smaller errors.
-    pub p95: BladeError,
+    pub p95: Errors,
+    /// Share of the matched blades whose true length lies in the predicted 95 % band, and whose true width
+    /// does.
+    pub within_bands: [f32; 2],
+}
+
+/// One quantile of each of the errors of [`BladeError`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// |length − truth| / truth.
+    pub length: f32,
+    /// |largest width − truth| / truth.
+    pub max_width: f32,
+    /// Mean distance of the midribs, metres.
+    pub midrib_m: f32,
+    /// Hausdorff distance of the midribs, metres.
+    pub hausdorff_m: f32,
 }
 
 impl Summary {
+    /// The head of a Markdown table of [`Self::markdown_row`]s.
+    pub const MARKDOWN_HEAD: &str = "\
+| family | clips | exact | length p50 / p95 | max. width p50 / p95 | midrib p50 | Hausdorff p95 | in 95 % band: length / width |
+|---|---|---|---|---|---|---|---|";
+
+    /// What the columns mean.
+    pub const LEGEND: &str = "Exact: one capture a visitor, with as many blades as the truth and each of \
+        them matched (a midrib within 15 mm on average). Errors are those of matched blades; those in a hand, \
+        which trembles, are compared after the best translation. The last column is the share of blades whose \
+        true length, and width, lies in the predicted 95 % band.";
+
     /// The summary of some clips.
     pub fn of(results: &[ClipResult]) -> Self {
+        let blades = || results.iter().flat_map(|result| &result.matched);
         let at = |share| {
-            let error = |of: fn(&BladeError) -> f32| {
-                quantile(results.iter().flat_map(|result| &result.matched).map(of).collect(), share)
-            };
-            BladeError {
+            let error = |of: fn(&BladeError) -> f32| quantile(blades().map(of).collect(), share);
+            Errors {
                 length: error(|e| e.length),
                 max_width: error(|e| e.max_width),
                 midrib_m: error(|e| e.midrib_m),
                 hausdorff_m: error(|e| e.hausdorff_m),
             }
         };
+        let matched = blades().count();
+        let within = |i: usize| {
+            blades().filter(|blade| blade.within_bands()[i]).count() as f32 / matched.max(1) as f32
+        };
         let inexact = results.iter().filter(|result| !result.is_exact()).map(|result| result.seed).collect();
-        Self { clips: results.len(), inexact, median: at(0.5), p95: at(0.95) }
+        Self {
+            clips: results.len(),
+            inexact,
+            matched,
+            median: at(0.5),
+            p95: at(0.95),
+            within_bands: [within(0), within(1)],
+        }
     }
-}
 
-impl std::fmt::Display for Summary {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { clips, inexact, median, p95 } = self;
-        let exact = 1e2 * (clips - inexact.len()) as f64 / (*clips).max(1) as f64;
-        write!(
-            f,
-            "exact {exact:4.0} %  length {:4.1} / {:4.1} %  width {:4.1} / {:4.1} %  midrib {:4.2} mm  Hausdorff {:5.1} mm",
+    fn exact_percent(&self) -> f64 {
+        1e2 * (self.clips - self.inexact.len()) as f64 / self.clips.max(1) as f64
+    }
+
+    /// A row of a Markdown table, named `family`; errors are left out where no blade was matched.
+    pub fn markdown_row(&self, family: &str) -> String {
+        let Self { clips, median, p95, within_bands: [length, width], .. } = self;
+        let exact = self.exact_percent();
+        if self.matched == 0 {
+            return format!("| {family} | {clips} | {exact:.1} % | – | – | – | – | – |");
+        }
+        format!(
+            "| {family} | {clips} | {exact:.1} % | {:.2} / {:.2} % | {:.2} / {:.2} % | {:.2} mm | {:.2} mm | {:.1} / {:.1} % |",
             1e2 * median.length,
             1e2 * p95.length,
             1e2 * median.max_width,
             1e2 * p95.max_width,
             1e3 * median.midrib_m,
             1e3 * p95.hausdorff_m,
+            1e2 * length,
+            1e2 * width,
+        )
+    }
+}
+
+impl std::fmt::Display for Summary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { clips, inexact, median, p95, within_bands: [length, width], .. } = self;
+        write!(
+            f,
+            "{clips:4} clips  exact {:5.1} %  length {:4.2} / {:5.2} %  width {:4.2} / {:5.2} %  midrib {:4.2} mm  Hausdorff {:5.2} mm  in band {:5.1} / {:5.1} %",
+            self.exact_percent(),
+            1e2 * median.length,
+            1e2 * p95.length,
+            1e2 * median.max_width,
+            1e2 * p95.max_width,
+            1e3 * median.midrib_m,
+            1e3 * p95.hausdorff_m,
+            1e2 * length,
+            1e2 * width,
         )?;
         if inexact.is_empty() { Ok(()) } else { write!(f, "  inexact seeds {inexact:?}") }
     }

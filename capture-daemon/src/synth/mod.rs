@@ -17,6 +17,7 @@ mod hand;
 mod held;
 mod motion;
 mod random;
+pub mod refinement;
 mod scene;
 mod sensor;
 mod surface;

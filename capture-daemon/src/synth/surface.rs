@@ -1,9 +1,12 @@
 //! Blades and hands drawn into a depth buffer that is finer than the sensor's pixels.
 
+use std::ops::Range;
+
 use glam::DVec3;
 
 use super::blade::{Section, SyntheticBlade};
 use super::hand::Triangle;
+use super::sensor::round;
 use crate::frame::CameraModel;
 
 /// Samples along a pixel's side. One of them lies on the pixel's centre.
@@ -36,6 +39,30 @@ struct Corner {
 /// seen.
 fn doubled_area(a: Corner, b: Corner, c: Corner) -> f64 {
     (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+}
+
+/// Where in the row `y` a triangle can be, first and last place, with more than a sample to spare on both
+/// sides: `edges` from corner to corner, `area` as [`doubled_area`] gives it. May be infinite, or
+/// empty (first > last).
+fn span(edges: &[(Corner, Corner); 3], area: f64, y: f64) -> (f64, f64) {
+    // What is nearly level, less than this down, crosses the row nowhere for certain, samples.
+    const LEVEL: f64 = 1e-4;
+    const SPARE: f64 = 1.5;
+    let (mut first, mut last) = (f64::NEG_INFINITY, f64::INFINITY);
+    for (from, to) in edges {
+        let down = to.y - from.y;
+        if down.abs() < LEVEL {
+            continue;
+        }
+        let crossing = from.x + (y - from.y) * (to.x - from.x) / down;
+        // The inside of an edge that runs up is to its right if the triangle's area is positive.
+        if (down > 0.0) == (area > 0.0) {
+            last = last.min(crossing + SPARE);
+        } else {
+            first = first.max(crossing - SPARE);
+        }
+    }
+    (first, last)
 }
 
 impl Surface {
@@ -119,14 +146,29 @@ impl Surface {
         let row = |y: f64| (y as i64 - self.origin.1).clamp(0, self.height as i64 - 1) as usize;
         let columns = column(a.x.min(b.x).min(c.x).floor())..=column(a.x.max(b.x).max(c.x).ceil());
         let rows = row(a.y.min(b.y).min(c.y).floor())..=row(a.y.max(b.y).max(c.y).ceil());
+        let sign = area.signum();
+        let edges = [(a, b), (b, c), (c, a)];
         for j in rows {
             let y = (self.origin.1 + j as i64) as f64;
-            for i in columns.clone() {
+            let (first, last) = span(&edges, area, y);
+            let (first, last) = (first - self.origin.0 as f64, last - self.origin.0 as f64);
+            // The casts saturate; no sample of an empty span is looked at.
+            let columns =
+                (*columns.start()).max(first as usize)..=(*columns.end()).min(last.max(-1.0) as usize);
+            if last < 0.0 {
+                continue;
+            }
+            for i in columns {
                 let x = (self.origin.0 + i as i64) as f64;
-                let of_b = ((x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x)) / area;
-                let of_c = ((b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x)) / area;
+                let of_b = (x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x);
+                let of_c = (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
+                // Beyond an edge, which most samples are: no need to divide.
+                if of_b * sign < 0.0 || of_c * sign < 0.0 {
+                    continue;
+                }
+                let (of_b, of_c) = (of_b / area, of_c / area);
                 let of_a = 1.0 - of_b - of_c;
-                if of_a < 0.0 || of_b < 0.0 || of_c < 0.0 {
+                if of_a < 0.0 {
                     continue;
                 }
                 // One over depth is linear in the picture.
@@ -139,19 +181,23 @@ impl Surface {
 
     /// Depth at a place of the picture, pixels; metres, infinity where nothing is.
     pub(super) fn depth_at(&self, u: f64, v: f64) -> f64 {
-        let i = (u * SAMPLES_PER_PX).round() as i64 - self.origin.0;
-        let j = (v * SAMPLES_PER_PX).round() as i64 - self.origin.1;
+        let i = round(u * SAMPLES_PER_PX) as i64 - self.origin.0;
+        let j = round(v * SAMPLES_PER_PX) as i64 - self.origin.1;
         let inside = (0..self.width as i64).contains(&i) && (0..self.height as i64).contains(&j);
         if inside { self.depth[j as usize * self.width + i as usize] } else { f64::INFINITY }
     }
 
-    /// Whether something may be within `margin` pixels of a pixel.
-    pub(super) fn is_near(&self, x: usize, y: usize, margin: f64) -> bool {
-        let near = |pixel: usize, origin: i64, extent: usize| {
+    /// The columns and rows of a picture of `size` that something may be within `margin` pixels of.
+    pub(super) fn near(&self, size: (usize, usize), margin: f64) -> (Range<usize>, Range<usize>) {
+        let near = |pixels: usize, origin: i64, extent: usize| {
             let low = origin as f64 / SAMPLES_PER_PX - margin;
             let high = (origin + extent as i64) as f64 / SAMPLES_PER_PX + margin;
-            extent > 0 && (low..=high).contains(&(pixel as f64))
+            if extent == 0 || high < 0.0 {
+                return 0..0;
+            }
+            // The casts saturate.
+            low.max(0.0).ceil() as usize..pixels.min(high.floor() as usize + 1)
         };
-        near(x, self.origin.0, self.width) && near(y, self.origin.1, self.height)
+        (near(size.0, self.origin.0, self.width), near(size.1, self.origin.1, self.height))
     }
 }

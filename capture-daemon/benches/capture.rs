@@ -1,0 +1,264 @@
+//! Where the time of a frame and of a capture goes, beside what OpenCV needs for four of its calls on the
+//! same frames, and how much memory a long replay takes: `make bench`.
+//!
+//! One thread; medians. `SWARD_PYTHON` names a Python with OpenCV; without it that column is empty. Slowness
+//! is no error: the table states the ratios, and the targets that they are held against.
+
+use std::hint::black_box;
+use std::path::Path;
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::Context;
+use capture_daemon::frame::{CameraPose, DepthFrame};
+use capture_daemon::pipeline::{self, PipelineParams};
+use capture_daemon::recording;
+use capture_daemon::session::{Session, SessionParams};
+use capture_daemon::source::SourceError;
+use capture_daemon::stages::accumulate::Accumulation;
+use capture_daemon::stages::confidence::Evidence;
+use capture_daemon::stages::{blade, contour, lift, mask, partition, ribbon, skeleton};
+use capture_daemon::synth::{Clip, ClipParams, Family, Scene};
+
+/// Frames that are replayed to see whether memory stays flat.
+const REPLAYED: u64 = 10_000;
+/// What it must stay under, MiB.
+const MEMORY_MIB: u64 = 96;
+
+fn main() -> anyhow::Result<()> {
+    // `cargo test` runs benches too, with nothing to measure; the second process only replays.
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if let Some(at) = arguments.iter().position(|argument| argument == "--replay") {
+        let recording = arguments.get(at + 1).context("--replay needs a recording")?;
+        return replay(Path::new(recording));
+    }
+    if !arguments.iter().any(|argument| argument == "--bench") {
+        return Ok(());
+    }
+    let clip = fan_of_seven()?;
+    let shown = clip.visible();
+    let fan: Vec<DepthFrame> = (shown.start..shown.start + 20).map(|index| clip.frame(index)).collect();
+    let empty = Clip::new(Scene::new(Family::Empty, 1), ClipParams::default())?.frame(0);
+    let opencv = opencv(&[("empty", &empty), ("fan", &fan[18])])?;
+
+    println!("640x480, one thread, medians\n");
+    println!("| what | ms | OpenCV's four calls, ms | ratio | target |");
+    println!("|---|---|---|---|---|");
+    let params = SessionParams::default();
+    let in_all = |name: &str, ms: f64, beside: Option<f64>, target: f64| {
+        let (opencv, ratio) = beside
+            .map_or(("–".to_owned(), "–".to_owned()), |o| (format!("{o:.3}"), format!("{:.2}", ms / o)));
+        println!("| {name} | {ms:.3} | {opencv} | {ratio} | {target} |");
+    };
+    let beside = |index: usize| opencv.as_ref().map(|times| times[index]);
+
+    let mut session = Session::new(params.clone());
+    in_all(
+        "empty frame",
+        median_ms(400, || {
+            black_box(session.push(&empty));
+        }),
+        beside(0),
+        0.7,
+    );
+    let mut settling = Vec::new();
+    for _ in 0..20 {
+        let mut session = Session::new(params.clone());
+        black_box(session.push(&fan[0]));
+        // The first of a hold makes room; the rest is what a frame costs.
+        for frame in &fan[1..16] {
+            let start = Instant::now();
+            let captured = black_box(session.push(frame));
+            settling.push(ms_since(start));
+            anyhow::ensure!(captured.is_none(), "a frame that should settle was captured");
+        }
+    }
+    in_all("settling frame", median(settling), beside(1), 2.0);
+
+    let mut held = Accumulation::like(&fan[0]);
+    fan[..17].iter().for_each(|frame| held.add(frame, &params.pipeline.mask));
+    let (camera, time) = (fan[0].camera, fan[16].timestamp_ns);
+    let capture = || pipeline::capture(&held, &camera, time, &params.pipeline);
+    let steps = capture();
+    let name = format!("capture of a fan of {} ({} found)", clip.scene().blades.len(), steps.blades.len());
+    in_all(
+        &name,
+        median_ms(30, || {
+            black_box(capture());
+        }),
+        beside(1),
+        15.0,
+    );
+    println!("\n| stage | ms |\n|---|---|");
+    println!(
+        "| presence (each frame) | {:.3} |",
+        median_ms(200, || {
+            black_box(mask::presence(&fan[0], &params.pipeline.mask));
+        })
+    );
+    stages(&held, &fan[16], &params.pipeline, steps.blades.len())?;
+    memory()
+}
+
+/// Prints the time of each stage of a capture.
+fn stages(
+    held: &Accumulation,
+    frame: &DepthFrame,
+    params: &PipelineParams,
+    blades: usize,
+) -> anyhow::Result<()> {
+    let down = params.pose.down_in_image();
+    let of_parts = partition::PartitionParams { down, ..Default::default() };
+    let of_ribbons = ribbon::RibbonParams { down, ..Default::default() };
+    let mask = timed("mask", || mask::extract(held, &params.mask));
+    let (pieces, blobs) =
+        timed("contour", || (contour::trace(&mask, &mask.pieces), contour::trace(&mask, &mask.blobs)));
+    let parts: Vec<_> = timed("partition", || {
+        pieces.iter().flat_map(|outline| partition::flow(&mask, &mask.pieces, outline, &of_parts)).collect()
+    });
+    let fields: Vec<_> = timed("distance from the root", || {
+        blobs.iter().map(|outline| partition::root_distance(&mask, &mask.blobs, outline, &of_parts)).collect()
+    });
+    let ribbons = timed("ribbon", || ribbon::grow(&mask, &parts, &fields, &of_ribbons));
+    let skeletons: Vec<_> = timed("skeleton", || {
+        ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon)?))).collect()
+    });
+    let lifted: Vec<_> = timed("lift", || {
+        skeletons.iter().map(|(ribbon, s)| (*ribbon, lift::lift(&mask, s, &frame.camera))).collect()
+    });
+    let accepted: Vec<_> = lifted
+        .iter()
+        .map(|(ribbon, lifted)| (lifted, Evidence::of(ribbon, lifted, mask.frames, mask.depth_noise_m)))
+        .filter(|(lifted, evidence)| blade::accept(lifted, evidence, &params.accept).is_ok())
+        .collect();
+    let finished = timed("refine and blade", || {
+        let finish = |(lifted, evidence): &(&lift::Lifted, Evidence)| {
+            blade::finish(lifted, *evidence, 0, 0, &CameraPose::default(), &params.refine).ok()
+        };
+        accepted.iter().filter_map(finish).count()
+    });
+    anyhow::ensure!(finished == blades, "{finished} blades stage by stage, {blades} in all");
+    Ok(())
+}
+
+fn timed<T>(name: &str, mut work: impl FnMut() -> T) -> T {
+    let ms = median_ms(20, || {
+        black_box(work());
+    });
+    println!("| {name} | {ms:.3} |");
+    work()
+}
+
+/// The first fan of seven blades of which all are found.
+fn fan_of_seven() -> anyhow::Result<Clip> {
+    for seed in 1..200 {
+        let scene = Scene::new(Family::Fan, seed);
+        if scene.blades.len() != 7 {
+            continue;
+        }
+        let clip = Clip::new(scene, ClipParams::default())?;
+        let mut session = Session::new(SessionParams::default());
+        let capture = clip.frames().find_map(|frame| session.push(&frame));
+        if capture.is_some_and(|capture| capture.steps.blades.len() == 7) {
+            return Ok(clip);
+        }
+    }
+    anyhow::bail!("no fan of seven blades was captured as one")
+}
+
+/// Median times of OpenCV's four calls on each frame, milliseconds; none without `SWARD_PYTHON`.
+fn opencv(frames: &[(&str, &DepthFrame)]) -> anyhow::Result<Option<Vec<f64>>> {
+    let Ok(python) = std::env::var("SWARD_PYTHON") else {
+        println!("SWARD_PYTHON is not set: nothing is compared with OpenCV.\n");
+        return Ok(None);
+    };
+    let folder = tempfile::tempdir()?;
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/opencv.py");
+    let mut command = Command::new(python);
+    command.arg(script);
+    for (name, frame) in frames {
+        let path = folder.path().join(name);
+        let bytes: Vec<u8> = frame.depth.iter().flat_map(|counts| counts.to_le_bytes()).collect();
+        std::fs::write(&path, bytes)?;
+        command.arg(frame.width.to_string()).arg(path);
+    }
+    let output = command.output().context("SWARD_PYTHON cannot be run")?;
+    anyhow::ensure!(
+        output.status.success(),
+        "benches/opencv.py failed: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let text = String::from_utf8(output.stdout)?;
+    let (version, times) = text.split_once('\n').context("benches/opencv.py printed nothing")?;
+    println!("OpenCV {version}: threshold, 3x3 opening, connectedComponents, findContours\n");
+    let times: Vec<f64> = times.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
+    anyhow::ensure!(times.len() == frames.len(), "benches/opencv.py printed {} times", times.len());
+    Ok(Some(times))
+}
+
+/// Replays a shipped recording again and again in a process of its own and prints its memory.
+fn memory() -> anyhow::Result<()> {
+    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings/fan-9.mcap");
+    let output = Command::new(std::env::current_exe()?).arg("--replay").arg(recording).output()?;
+    anyhow::ensure!(
+        output.status.success(),
+        "the replay failed: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    print!("\n{}", String::from_utf8_lossy(&output.stdout));
+    Ok(())
+}
+
+fn replay(path: &Path) -> anyhow::Result<()> {
+    let mut session = Session::new(SessionParams::default());
+    let mut source = recording::open(path, &Default::default())?;
+    let (mut early, mut captures) = (0, 0);
+    let start = Instant::now();
+    while session.frames() < REPLAYED {
+        match source.next_frame() {
+            Ok(frame) => {
+                captures += u32::from(session.push(&frame).is_some());
+                if session.frames() == REPLAYED / 10 {
+                    early = peak_kib()?;
+                }
+            }
+            Err(SourceError::End) => source = recording::open(path, &Default::default())?,
+            Err(error) => anyhow::bail!("{error:?}"),
+        }
+    }
+    let (peak, seconds) = (peak_kib()?, start.elapsed().as_secs_f64());
+    let mib = |kib: u64| kib as f64 / 1024.0;
+    println!(
+        "{REPLAYED} frames replayed with {captures} captures in {seconds:.1} s: peak memory {:.1} MiB \
+         ({:.1} MiB after {}), target below {MEMORY_MIB} MiB",
+        mib(peak),
+        mib(early),
+        REPLAYED / 10,
+    );
+    Ok(())
+}
+
+/// The largest resident set of this process so far, KiB.
+fn peak_kib() -> anyhow::Result<u64> {
+    let status = std::fs::read_to_string("/proc/self/status")?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).context("no VmHWM")?;
+    Ok(line.trim().trim_end_matches("kB").trim().parse()?)
+}
+
+fn median_ms(times: usize, mut work: impl FnMut()) -> f64 {
+    let measured = (0..times).map(|_| {
+        let start = Instant::now();
+        work();
+        ms_since(start)
+    });
+    median(measured.collect())
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn ms_since(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64() * 1e3
+}

@@ -1,0 +1,35 @@
+"""Times OpenCV's four calls on depth frames: opencv.py (WIDTH FILE)...
+
+Each file holds little-endian 16-bit counts of a millimetre, row-major. Prints OpenCV's version, then the
+median milliseconds of each frame. One thread."""
+
+import statistics
+import sys
+import time
+
+import cv2
+import numpy as np
+
+NEAR_MM, FAR_MM = 300, 900
+ROUNDS = 400
+
+cv2.setNumThreads(1)
+kernel = np.ones((3, 3), np.uint8)
+
+
+def four_calls(depth):
+    mask = cv2.inRange(depth, NEAR_MM, FAR_MM)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel)
+    cv2.connectedComponents(mask)
+    cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+
+
+print(cv2.__version__)
+for width, path in zip(sys.argv[1::2], sys.argv[2::2]):
+    depth = np.fromfile(path, dtype="<u2").reshape(-1, int(width))
+    times = []
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        four_calls(depth)
+        times.append((time.perf_counter() - start) * 1e3)
+    print(statistics.median(times))
