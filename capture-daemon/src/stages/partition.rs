@@ -1,7 +1,6 @@
 //! Outline → single blades: each with its tip, its two sides and the cut at its base.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 
 use common::geometry::polyline;
 use glam::Vec2;
@@ -352,30 +351,40 @@ impl Blob {
     }
 }
 
-/// Chamfer distances (12 straight, 17 diagonal) within `body` from `seeds`.
+/// Chamfer distances (12 straight, 17 diagonal) within `body` from `seeds`; `u32::MAX` where none leads.
 fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32> {
+    // No step is longer than 17, so that 18 buckets in a circle keep what is next apart (Dial 1969).
+    const BUCKETS: usize = 18;
     let height = body.len() / width;
     let mut distance = vec![u32::MAX; body.len()];
-    let mut queue = BinaryHeap::new();
+    let mut buckets: [Vec<usize>; BUCKETS] = Default::default();
     for seed in seeds {
         distance[*seed] = 0;
-        queue.push(Reverse((0, *seed)));
+        buckets[0].push(*seed);
     }
-    while let Some(Reverse((so_far, index))) = queue.pop() {
-        if so_far > distance[index] {
-            continue;
-        }
-        let (x, y) = (index % width, index / width);
-        for v in y.saturating_sub(1)..(y + 2).min(height) {
-            for u in x.saturating_sub(1)..(x + 2).min(width) {
-                let other = v * width + u;
-                let step = if u != x && v != y { 17 } else { 12 };
-                if body[other] && so_far + step < distance[other] {
-                    distance[other] = so_far + step;
-                    queue.push(Reverse((so_far + step, other)));
+    let mut so_far = 0;
+    let mut empty = 0;
+    while empty < BUCKETS {
+        let mut bucket = std::mem::take(&mut buckets[so_far as usize % BUCKETS]);
+        empty = if bucket.is_empty() { empty + 1 } else { 0 };
+        for index in bucket.drain(..) {
+            if distance[index] != so_far {
+                continue;
+            }
+            let (x, y) = (index % width, index / width);
+            for v in y.saturating_sub(1)..(y + 2).min(height) {
+                for u in x.saturating_sub(1)..(x + 2).min(width) {
+                    let other = v * width + u;
+                    let reached = so_far + if u != x && v != y { 17 } else { 12 };
+                    if body[other] && reached < distance[other] {
+                        distance[other] = reached;
+                        buckets[reached as usize % BUCKETS].push(other);
+                    }
                 }
             }
         }
+        buckets[so_far as usize % BUCKETS] = bucket;
+        so_far += 1;
     }
     distance
 }
