@@ -284,7 +284,7 @@ fn neighbours(index: usize, width: usize, region: [usize; 4]) -> impl Iterator<I
 
 /// Connected components of the pixels of the region that `admits` lets in, over those neighbours that
 /// are `connected`; in the order of their first pixels.
-fn components(
+pub(super) fn components(
     mask: &Mask,
     admits: impl Fn(usize) -> bool,
     connected: impl Fn(usize, usize) -> bool,

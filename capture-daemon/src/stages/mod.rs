@@ -13,4 +13,6 @@ pub mod mask;
 pub mod partition;
 pub mod ribbon;
 pub mod section;
+mod settle;
 pub mod skeleton;
+mod tuft;
