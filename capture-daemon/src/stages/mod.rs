@@ -6,11 +6,13 @@
 pub mod accumulate;
 pub mod blade;
 pub mod contour;
+mod crossing;
 pub mod hand;
 mod join;
 pub mod lift;
 pub mod mask;
 pub mod partition;
+mod ray;
 pub mod ribbon;
 pub mod section;
 mod settle;

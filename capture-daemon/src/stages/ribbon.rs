@@ -5,6 +5,7 @@ use common::geometry::fit::Parabola;
 use common::geometry::polyline;
 use glam::Vec2;
 
+use super::crossing;
 use super::join::join;
 use super::mask::Mask;
 use super::partition::{Field, Part, Side};
@@ -83,6 +84,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     };
     longest_first(&mut ribbons);
     join(mask, &mut ribbons, params);
+    crossing::join(mask, &mut ribbons);
     ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
     tuft::gather(mask, &mut ribbons, params);
     for ribbon in &mut ribbons {
@@ -149,6 +151,10 @@ fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonPar
 fn unsure(sections: &[Section]) -> usize {
     let (mut last, mut unclear, mut half) = (sections.len(), 0.0, None::<f32>);
     for (i, section) in sections.iter().enumerate().rev() {
+        if section.guided {
+            (unclear, half) = (0.0, None);
+            continue;
+        }
         let seen = section.expected.half_px;
         let both = section.edges_seen() == 2 && section.measured.middle == Middle::Blade;
         let alike = half.is_none_or(|half| (seen - half).abs() < 0.15 * half + 1.0);

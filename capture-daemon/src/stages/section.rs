@@ -201,6 +201,13 @@ impl Expected {
                 return None;
             }
         }
+        // A shadow that what is nearer throws on the blade can be long at a slant.
+        let shadowed = (2..=40)
+            .map(|j| self.sight(mask, side * (reach + j as f32 * STEP_PX)))
+            .find(|sight| !matches!(sight, Sight::Unseen | Sight::Blade));
+        if shadowed == Some(Sight::Nearer) {
+            return None;
+        }
         // Beyond the smear of the edge stands what it is seen against.
         let against = (4..=8).find_map(|j| {
             let t = side * (reach + j as f32 * STEP_PX);

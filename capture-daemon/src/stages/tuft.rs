@@ -1,26 +1,18 @@
 //! Blades that grow from one base: where it is, and their way to it through what they share.
 
-use common::geometry::fit::Parabola;
 use glam::{Mat2, Vec2};
 
 use super::mask::{self, Mask};
+use super::ray::Ray;
 use super::ribbon::{End, Ribbon, RibbonParams, Section};
 use super::section::Expected;
 
 /// A blade as far as it is sure, seen from its tip.
-struct Ray {
+struct Blade {
     /// Which ribbon.
     ribbon: usize,
-    /// Where its sure part ends, image pixels.
-    from: Vec2,
-    /// Unit vector on towards the root.
-    along: Vec2,
-    /// Depth there, metres, and what it gains each pixel on.
-    depth_m: f32,
-    climb_m: f32,
-    half_px: f32,
-    /// Sections of the sure part.
-    length: usize,
+    /// The end of its sure part.
+    ray: Ray,
     /// Whether a longer one follows the same blade.
     echo: bool,
 }
@@ -44,16 +36,16 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
     if mask.hand.contains(&true) {
         return;
     }
-    let mut rays: Vec<Ray> = (0..ribbons.len()).filter_map(|k| ray(&ribbons[k], k)).collect();
-    rays.sort_by_key(|ray| std::cmp::Reverse(ray.length));
-    for i in 0..rays.len() {
-        rays[i].echo = rays[..i].iter().any(|longer| longer.is_echoed_by(&rays[i]));
+    let mut blades: Vec<Blade> = ribbons.iter().enumerate().filter_map(blade).collect();
+    blades.sort_by_key(|blade| std::cmp::Reverse(blade.ray.length));
+    for i in 0..blades.len() {
+        blades[i].echo = blades[..i].iter().any(|longer| longer.is_echoed_by(&blades[i]));
     }
     let lowest = lowest(mask, params.down);
-    while let Some(hub) = hub(mask, &rays, &lowest, params.down) {
-        rays.retain(|ray| {
-            let led = hub.is_reached_by(ray) && lead(mask, &mut ribbons[ray.ribbon], ray, &hub);
-            !led && ray.leads_to(hub.at) == 0.0
+    while let Some(hub) = hub(mask, &blades, &lowest, params.down) {
+        blades.retain(|blade| {
+            let led = hub.is_reached_by(&blade.ray) && lead(mask, &mut ribbons[blade.ribbon], blade, &hub);
+            !led && blade.leads_to(hub.at) == 0.0
         });
     }
 }
@@ -72,64 +64,29 @@ fn lowest(mask: &Mask, down: Vec2) -> Vec<f32> {
     lowest
 }
 
-fn ray(ribbon: &Ribbon, index: usize) -> Option<Ray> {
-    const WINDOW: usize = 50;
-    let sure = &ribbon.sections[ribbon.unsure..];
-    if sure.len() < 16 {
-        return None;
-    }
-    let [mut x, mut y, mut z] = [Parabola::default(); 3];
-    for (i, section) in sure.iter().take(WINDOW).enumerate() {
-        let (s, mid) = (-(i as f64), section.middle());
-        let weight = f64::from(section.weight());
-        x.add(s, mid.x.into(), weight);
-        y.add(s, mid.y.into(), weight);
-        if let Some(depth) = section.measured.depth_m {
-            z.add(s, depth.into(), f64::from(section.measured.readings));
-        }
-    }
-    let curve = |fit: &Parabola| fit.solve(2, 2000.0);
-    let (x, y, z) = (curve(&x)?, curve(&y)?, z.solve(2, 2000.0)?);
-    Some(Ray {
-        ribbon: index,
-        from: Vec2::new(x[0] as f32, y[0] as f32),
-        along: Vec2::new(x[1] as f32, y[1] as f32).try_normalize()?,
-        depth_m: z[0] as f32,
-        climb_m: z[1] as f32,
-        half_px: sure[0].expected.half_px,
-        length: sure.len(),
-        echo: false,
-    })
+fn blade((index, ribbon): (usize, &Ribbon)) -> Option<Blade> {
+    let ray = Ray::of(ribbon.sections[ribbon.unsure..].iter())?;
+    Some(Blade { ribbon: index, ray, echo: false })
 }
 
-impl Ray {
-    /// How far along it and how far beside it a point lies.
-    fn to(&self, point: Vec2) -> (f32, f32) {
-        let by = point - self.from;
-        (by.dot(self.along), by.perp_dot(self.along).abs())
-    }
-
+impl Blade {
     /// 1 for a point that it leads to, down to 0.
     fn leads_to(&self, point: Vec2) -> f32 {
-        let (ahead, aside) = self.to(point);
+        let (ahead, aside) = self.ray.to(point);
         let limit = 5.0 + 0.12 * ahead.max(0.0);
-        let back = 10.0 + self.half_px;
-        if ahead < -back || ahead > 1.5 * self.length as f32 + 20.0 || aside > limit {
+        let back = 10.0 + self.ray.half_px;
+        if ahead < -back || ahead > 1.5 * self.ray.length as f32 + 20.0 || aside > limit {
             return 0.0;
         }
         1.0 - (aside / limit).powi(2)
     }
 
-    /// Depth that it leads to, metres.
-    fn depth_at(&self, point: Vec2) -> f32 {
-        self.depth_m + self.climb_m * self.to(point).0
-    }
-
-    fn is_echoed_by(&self, other: &Ray) -> bool {
-        let (ahead, aside) = self.to(other.from);
-        let beside = aside < self.half_px.max(2.0) && ahead.abs() < self.length as f32;
-        let near = (self.depth_at(other.from) - other.depth_m).abs() < 0.01;
-        beside && near && self.along.dot(other.along) > 0.97
+    fn is_echoed_by(&self, other: &Blade) -> bool {
+        let (ray, other) = (&self.ray, &other.ray);
+        let (ahead, aside) = ray.to(other.from);
+        let beside = aside < ray.half_px.max(2.0) && ahead.abs() < ray.length as f32;
+        let near = (ray.depth_at(other.from) - other.depth_m).abs() < 0.01;
+        beside && near && ray.along.dot(other.along) > 0.97
     }
 }
 
@@ -142,7 +99,7 @@ impl Hub {
 }
 
 /// The base that most blades lead to.
-fn hub(mask: &Mask, rays: &[Ray], lowest: &[f32], down: Vec2) -> Option<Hub> {
+fn hub(mask: &Mask, blades: &[Blade], lowest: &[f32], down: Vec2) -> Option<Hub> {
     let inside = |point: Vec2| mask.index_at(point).is_some_and(|index| mask.blobs.of[index] != 0);
     // The lower end of what is seen below a point, or a little above it.
     let bottom = |point: Vec2| {
@@ -157,14 +114,15 @@ fn hub(mask: &Mask, rays: &[Ray], lowest: &[f32], down: Vec2) -> Option<Hub> {
         index.is_some_and(|index| lowest[index] - point.dot(down) < 25.0)
     };
     let mut best: Option<(f32, Vec2)> = None;
-    for (i, a) in rays.iter().enumerate() {
-        for b in &rays[..i] {
+    for (i, a) in blades.iter().enumerate() {
+        for b in &blades[..i] {
+            let (a, b) = (&a.ray, &b.ray);
             let turn = a.along.perp_dot(b.along);
             if turn.abs() < 0.1 {
                 continue;
             }
             let point = a.from + a.along * ((b.from - a.from).perp_dot(b.along) / turn);
-            let support = support(rays, point).map_or(0.0, |(support, _)| support);
+            let support = support(blades, point).map_or(0.0, |(support, _)| support);
             if support > LEAST_SUPPORT && best.is_none_or(|(most, _)| support > most) && is_low(point) {
                 best = Some((support, point));
             }
@@ -174,9 +132,10 @@ fn hub(mask: &Mask, rays: &[Ray], lowest: &[f32], down: Vec2) -> Option<Hub> {
     for _ in 0..4 {
         // The point closest to all rays.
         let (mut matrix, mut vector) = (Mat2::ZERO, Vec2::ZERO);
-        for ray in rays {
+        for blade in blades {
+            let ray = &blade.ray;
             let (ahead, _) = ray.to(at);
-            let weight = ray.leads_to(at) / (2.0 + 0.05 * ahead.max(0.0)).powi(2);
+            let weight = blade.leads_to(at) / (2.0 + 0.05 * ahead.max(0.0)).powi(2);
             let across = ray.along.perp();
             let projector = Mat2::from_cols(across * across.x, across * across.y) * weight;
             matrix += projector;
@@ -187,14 +146,14 @@ fn hub(mask: &Mask, rays: &[Ray], lowest: &[f32], down: Vec2) -> Option<Hub> {
         }
         at = matrix.inverse() * vector;
     }
-    let (_, depth_m) = support(rays, at).filter(|(support, _)| *support > LEAST_SUPPORT)?;
+    let (_, depth_m) = support(blades, at).filter(|(support, _)| *support > LEAST_SUPPORT)?;
     // Roots end across the blades, some lower than others.
     Some(Hub { at: at + down * ((bottom(at)? - at).dot(down) - 2.5), depth_m })
 }
 
 /// How many blades lead to a point, and at which depth.
-fn support(rays: &[Ray], point: Vec2) -> Option<(f32, f32)> {
-    let leading = || rays.iter().filter(|ray| !ray.echo).map(|ray| (ray, ray.leads_to(point)));
+fn support(blades: &[Blade], point: Vec2) -> Option<(f32, f32)> {
+    let leading = || blades.iter().filter(|blade| !blade.echo).map(|it| (&it.ray, it.leads_to(point)));
     let mut depths: Vec<f32> =
         leading().filter(|(_, leads)| *leads > 0.0).map(|(ray, _)| ray.depth_at(point)).collect();
     depths.sort_by(f32::total_cmp);
@@ -204,7 +163,8 @@ fn support(rays: &[Ray], point: Vec2) -> Option<(f32, f32)> {
 }
 
 /// Leads one ribbon to the hub if it can grow from there; whether it does.
-fn lead(mask: &Mask, ribbon: &mut Ribbon, ray: &Ray, hub: &Hub) -> bool {
+fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
+    let ray = &blade.ray;
     let (ahead, _) = ray.to(hub.at);
     // It ends by itself, before all others.
     if ribbon.root == End::Free && ribbon.unsure == 0 && ahead.abs() < NEAR_PX {
@@ -219,7 +179,7 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, ray: &Ray, hub: &Hub) -> bool {
     if ahead < 1.0 {
         let beyond = ribbon.sections.iter().take_while(|s| (s.expected.mid - target).dot(ray.along) > 0.0);
         let beyond = beyond.count();
-        if ray.leads_to(hub.at) > 0.0 && beyond + 8 < ribbon.sections.len() {
+        if blade.leads_to(hub.at) > 0.0 && beyond + 8 < ribbon.sections.len() {
             ribbon.sections.drain(..beyond);
             ribbon.root = End::Shared;
             return true;
@@ -235,7 +195,7 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, ray: &Ray, hub: &Hub) -> bool {
     let depth_m = ray.depth_m + ray.climb_m * length;
     let of_hub = sigma_m * sigma_m / (sigma_m * sigma_m + ROOTS_M * ROOTS_M);
     let bow_m = (hub.depth_m - depth_m) * of_hub;
-    let taper = taper(sure).min(0.0);
+    let taper = ray.taper.min(0.0);
     let half_px = sure[0].expected.half_px;
     let steps = length.ceil() as usize;
     let mut way: Vec<Section> = (1..=steps)
@@ -268,20 +228,9 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, ray: &Ray, hub: &Hub) -> bool {
 }
 
 /// Whether a blade that passed there would be seen, and is not.
-fn is_open(mask: &Mask, section: &Section) -> bool {
+pub(super) fn is_open(mask: &Mask, section: &Section) -> bool {
     let Some(index) = mask.index_at(section.expected.mid) else { return true };
     let nothing = mask.depth_m[index] <= 0.0 || mask.occupancy[index] < 0.3;
     let behind = mask.depth_m[index] > section.expected.depth_m + 0.02;
     (nothing || behind) && !mask.unseen[index]
-}
-
-/// How fast the width grows towards the root, half pixels a pixel.
-fn taper(sure: &[Section]) -> f32 {
-    const WINDOW: usize = 30;
-    let mut fit = Parabola::default();
-    for (i, section) in sure.iter().take(WINDOW).enumerate() {
-        let weight = if section.edges_seen() == 2 { 1.0 } else { 0.0 };
-        fit.add(-(i as f64), section.expected.half_px.into(), weight);
-    }
-    fit.solve(1, 0.0).map_or(0.0, |fit| fit[1] as f32)
 }
