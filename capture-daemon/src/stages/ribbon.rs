@@ -10,7 +10,7 @@ use super::join::join;
 use super::mask::Mask;
 use super::partition::{Field, Part, Side};
 use super::section::{Expected, Measured, Middle};
-use super::settle::{across_at, settle};
+use super::settle::{across_at, settle, settle_roughly};
 use super::tuft;
 
 /// A cross-section of a ribbon, about a pixel from the next.
@@ -112,6 +112,7 @@ pub(super) fn tolerance_m(mask: &Mask) -> f32 {
 /// What the outline shows of a blade.
 fn visible_stretch(mask: &Mask, part: &Part) -> Option<Ribbon> {
     let mut sections = seed(mask, part)?;
+    settle_roughly(mask, &mut sections, 12.0);
     settle(mask, &mut sections, 12.0);
     // Beside what hides it the stretch narrows to a wedge that says nothing about the blade.
     let clear = |section: &Section| section.measured.middle == Middle::Blade && section.edges_seen() == 2;
@@ -201,7 +202,7 @@ fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
             depth_m,
             slope_m: 0.0,
             tolerance_m: tolerance_m.max(0.004),
-            search_px: 2.5,
+            search_px: 2.5 + 0.3 * half_px,
         };
         sections.push(Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guided: false });
     }

@@ -15,20 +15,41 @@ const SLOPE_WINDOW_PX: f32 = 9.0;
 
 /// Smooths a ribbon over its whole length and measures it anew.
 pub(super) fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
+    let widest = sections.iter().filter(|s| s.edges_seen() == 2).map(measured_half).fold(0.5, f64::max);
+    smooth_and_measure(mask, sections, wavelength_px, widest, 0.0);
+}
+
+/// The same for sections that are but guessed: edges may be farther from where they are expected.
+pub(super) fn settle_roughly(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
+    let widest = sections.iter().map(measured_half).fold(0.5, f64::max);
+    smooth_and_measure(mask, sections, wavelength_px, widest, 0.3);
+}
+
+fn measured_half(section: &Section) -> f64 {
+    match (section.measured.left_px, section.measured.right_px) {
+        (Some(left), Some(right)) => f64::from(0.5 * (right - left)),
+        _ => f64::from(section.expected.half_px),
+    }
+}
+
+/// `widest`: bound of the half width, pixels; `search`: how far beyond 2 px an edge may be from where it
+/// is expected, in half widths.
+fn smooth_and_measure(
+    mask: &Mask,
+    sections: &mut [Section],
+    wavelength_px: f64,
+    widest: f64,
+    search: f32,
+) {
     let n = sections.len();
     let weights: Vec<f64> = sections.iter().map(|section| f64::from(section.weight())).collect();
     let both: Vec<f64> = sections.iter().map(|s| if s.edges_seen() == 2 { 1.0 } else { 0.0 }).collect();
-    let measured_half = |s: &Section| match (s.measured.left_px, s.measured.right_px) {
-        (Some(left), Some(right)) => f64::from(0.5 * (right - left)),
-        _ => f64::from(s.expected.half_px),
-    };
     // Where a width is not seen, what was expected counts a little, so that it does not run away.
     let anchored =
         |weights: &[f64], anchor: f64| -> Vec<f64> { weights.iter().map(|w| w.max(anchor)).collect() };
     let places: Vec<f64> =
         weights.iter().zip(sections.iter()).map(|(w, s)| w.max(f64::from(s.anchor))).collect();
     let halves: Vec<f64> = sections.iter().map(measured_half).collect();
-    let widest = sections.iter().filter(|s| s.edges_seen() == 2).map(measured_half).fold(0.5, f64::max);
     let halves = smooth::penalised(&halves, &anchored(&both, 0.02), WIDTH_WAVELENGTH_PX);
     let mids: Vec<Vec2> = sections.iter().map(Section::middle).collect();
     let axis = |of: fn(&Vec2) -> f32| {
@@ -46,14 +67,15 @@ pub(super) fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) 
     let slopes = slopes(sections);
     let tolerance = tolerance_m(mask);
     for i in 0..n {
+        let half_px = halves[i].clamp(0.3, widest) as f32;
         let expected = Expected {
             mid: mids[i],
             across: across_at(&mids, i),
-            half_px: halves[i].clamp(0.3, widest) as f32,
+            half_px,
             depth_m: depths[i] as f32,
             slope_m: slopes[i],
             tolerance_m: tolerance,
-            search_px: 2.0,
+            search_px: 2.0 + search * half_px,
         };
         sections[i] = Section { expected, measured: expected.measure(mask), ..sections[i] };
         if sections[i].guided {
