@@ -10,7 +10,7 @@ use super::tuft::is_open;
 
 /// Longest stretch that is hidden, pixels: a blade crossed at 25° is hidden for more than twice the
 /// width of what is before it.
-const LONGEST_PX: f32 = 130.0;
+const LONGEST_PX: f32 = 150.0;
 /// What the guessed way counts beside what is seen of it.
 const ANCHOR: f32 = 0.01;
 
@@ -73,7 +73,7 @@ fn cost(mask: &Mask, ribbons: &[Ribbon], a: &Tail, b: &Tail) -> Option<f32> {
     let gap = b_ray.from - a_ray.from;
     let length = gap.length();
     let shorter = a_ray.length.min(b_ray.length) as f32;
-    if length > LONGEST_PX.min(4.0 * shorter) || a_ray.along.dot(-b_ray.along) < 0.75 {
+    if length > LONGEST_PX.min(6.0 * shorter) || a_ray.along.dot(-b_ray.along) < 0.75 {
         return None;
     }
     let ((ahead_a, aside_a), (ahead_b, aside_b)) = (a_ray.to(b_ray.from), b_ray.to(a_ray.from));
@@ -116,7 +116,7 @@ fn way(mask: &Mask, from: &Ray, to: &Ray, like: &Expected) -> Vec<Section> {
                 ..*like
             };
             let mut section =
-                Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guided: true };
+                Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: Some(expected.half_px) };
             section.doubt();
             section
         })

@@ -22,8 +22,9 @@ pub struct Section {
     pub measured: Measured,
     /// What the expected place counts beside measured ones, whose weight is 1.
     pub anchor: f32,
-    /// Whether it lies where its blade must pass rather than where it was seen.
-    pub guided: bool,
+    /// Of a section that lies where its blade must pass rather than where it was seen: half of the
+    /// width that the blade has there, pixels.
+    pub guide_px: Option<f32>,
 }
 
 /// What an expected place counts where nothing is known of it.
@@ -152,7 +153,7 @@ fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonPar
 fn unsure(sections: &[Section]) -> usize {
     let (mut last, mut unclear, mut half) = (sections.len(), 0.0, None::<f32>);
     for (i, section) in sections.iter().enumerate().rev() {
-        if section.guided {
+        if section.guide_px.is_some() {
             (unclear, half) = (0.0, None);
             continue;
         }
@@ -173,7 +174,28 @@ fn unsure(sections: &[Section]) -> usize {
             }
         }
     }
-    if last == sections.len() { 0 } else { last }
+    if last == 0 || last == sections.len() { 0 } else { last + crotch(&sections[last..]) }
+}
+
+/// Sections at the lower end of a stretch that swell into what the blade shares with its neighbour: wider
+/// than those above them lead to.
+fn crotch(sections: &[Section]) -> usize {
+    const SWELLING: usize = 24;
+    const ABOVE: usize = 40;
+    if sections.len() < SWELLING + ABOVE {
+        return 4.min(sections.len() / 8);
+    }
+    let mut above = Parabola::default();
+    for (i, section) in sections.iter().enumerate().skip(SWELLING).take(ABOVE) {
+        let weight = if section.edges_seen() == 2 { 1.0 } else { 0.0 };
+        above.add(i as f64, section.expected.half_px.into(), weight);
+    }
+    let Some([half, taper, _]) = above.solve(1, 0.0) else { return 4 };
+    let swells = |i: &usize| {
+        let led = (half + taper * *i as f64) as f32;
+        sections[*i].expected.half_px > 1.06 * led + 0.3
+    };
+    4 + (0..SWELLING).rev().find(swells).map_or(0, |i| i + 1)
 }
 
 /// The stretch that the outline shows, from the part's base to its tip.
@@ -204,7 +226,7 @@ fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
             tolerance_m: tolerance_m.max(0.004),
             search_px: 2.5 + 0.3 * half_px,
         };
-        sections.push(Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guided: false });
+        sections.push(Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: None });
     }
     Some(sections)
 }
@@ -264,7 +286,7 @@ impl Section {
 
     /// Forgets edges that are not where a blade that passes here has them.
     pub(super) fn doubt(&mut self) {
-        let half = self.expected.half_px;
+        let Some(half) = self.guide_px else { return };
         let Measured { left_px, right_px, .. } = &mut self.measured;
         let off = match (*left_px, *right_px) {
             (Some(left), Some(right)) => (right - left - 2.0 * half).abs().max((right + left).abs()),
@@ -272,7 +294,7 @@ impl Section {
             (None, Some(right)) => 2.0 * (right - half).abs(),
             (None, None) => 0.0,
         };
-        if off > 0.3 * half + 2.0 {
+        if off > 0.2 * half + 1.5 {
             (*left_px, *right_px) = (None, None);
         }
     }
@@ -319,7 +341,7 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
         if mask.index_at(expected.mid).is_some_and(|index| mask.hand[index]) {
             break End::Shared;
         }
-        let mut section = Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guided: false };
+        let mut section = Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: None };
         match section.measured.middle {
             Middle::Blade if coasted >= 4 && !fits(&section) => hidden += 1,
             Middle::Blade => {

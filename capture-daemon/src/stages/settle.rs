@@ -26,10 +26,12 @@ pub(super) fn settle_roughly(mask: &Mask, sections: &mut [Section], wavelength_p
 }
 
 fn measured_half(section: &Section) -> f64 {
-    match (section.measured.left_px, section.measured.right_px) {
+    let (low, high) = section.guide_px.map_or((0.0, f64::INFINITY), |px| (0.85 * f64::from(px), 1.15 * f64::from(px)));
+    let half = match (section.measured.left_px, section.measured.right_px) {
         (Some(left), Some(right)) => f64::from(0.5 * (right - left)),
         _ => f64::from(section.expected.half_px),
-    }
+    };
+    half.clamp(low, high)
 }
 
 /// `widest`: bound of the half width, pixels; `search`: how far beyond 2 px an edge may be from where it
@@ -78,9 +80,7 @@ fn smooth_and_measure(
             search_px: 2.0 + search * half_px,
         };
         sections[i] = Section { expected, measured: expected.measure(mask), ..sections[i] };
-        if sections[i].guided {
-            sections[i].doubt();
-        }
+        sections[i].doubt();
     }
 }
 

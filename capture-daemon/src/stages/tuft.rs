@@ -195,8 +195,12 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
     let depth_m = ray.depth_m + ray.climb_m * length;
     let of_hub = sigma_m * sigma_m / (sigma_m * sigma_m + ROOTS_M * ROOTS_M);
     let bow_m = (hub.depth_m - depth_m) * of_hub;
-    let taper = ray.taper.min(0.0);
-    let half_px = sure[0].expected.half_px;
+    // What the width does at the end it does for a while.
+    const MEMORY_PX: f32 = 25.0;
+    let half_at = |s: f32| {
+        let change = ray.taper.clamp(-0.1, 0.1) * MEMORY_PX * (1.0 - (-s / MEMORY_PX).exp());
+        (ray.half_px + change).max(0.4 * ray.half_px)
+    };
     let steps = length.ceil() as usize;
     let mut way: Vec<Section> = (1..=steps)
         .map(|k| {
@@ -205,12 +209,12 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
             let expected = Expected {
                 mid: ray.from + ray.along * length * t + bend * t * t,
                 across: Vec2::new(-direction.y, direction.x),
-                half_px: (half_px + taper * length * t).max(0.4 * half_px),
+                half_px: half_at(length * t),
                 depth_m: ray.depth_m + ray.climb_m * length * t + bow_m * t * t,
                 ..sure[0].expected
             };
             let anchor = if k == steps { 1.0 } else { 0.01 };
-            let mut section = Section { expected, measured: expected.measure(mask), anchor, guided: true };
+            let mut section = Section { expected, measured: expected.measure(mask), anchor, guide_px: Some(expected.half_px) };
             section.doubt();
             section
         })
