@@ -59,7 +59,9 @@ fn best_pair(mask: &Mask, ribbons: &[Ribbon]) -> Option<(Tail, Tail)> {
             [tip, root.flatten()].into_iter().flatten()
         })
     };
-    let pairs = tails().flat_map(|a| tails().filter(move |b| a.ribbon < b.ribbon).map(move |b| (a.ribbon, a.at_tip, a.ray, b)));
+    let pairs = tails().flat_map(|a| {
+        tails().filter(move |b| a.ribbon < b.ribbon).map(move |b| (a.ribbon, a.at_tip, a.ray, b))
+    });
     let costed = pairs.filter_map(|(ribbon, at_tip, ray, b)| {
         let a = Tail { ribbon, at_tip, ray };
         Some((cost(mask, ribbons, &a, &b)?, a, b))
@@ -115,8 +117,12 @@ fn way(mask: &Mask, from: &Ray, to: &Ray, like: &Expected) -> Vec<Section> {
                 depth_m: from.depth_m * a + to.depth_m * b + from.climb_m * c - to.climb_m * d,
                 ..*like
             };
-            let mut section =
-                Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: Some(expected.half_px) };
+            let mut section = Section {
+                expected,
+                measured: expected.measure(mask),
+                anchor: ANCHOR,
+                guide_px: Some(expected.half_px),
+            };
             section.doubt();
             section
         })

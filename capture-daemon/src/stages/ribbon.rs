@@ -294,7 +294,7 @@ impl Section {
             (None, Some(right)) => 2.0 * (right - half).abs(),
             (None, None) => 0.0,
         };
-        if off > 0.2 * half + 1.5 {
+        if off > 0.1 * half + 1.0 {
             (*left_px, *right_px) = (None, None);
         }
     }
@@ -341,7 +341,8 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
         if mask.index_at(expected.mid).is_some_and(|index| mask.hand[index]) {
             break End::Shared;
         }
-        let mut section = Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: None };
+        let mut section =
+            Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: None };
         match section.measured.middle {
             Middle::Blade if coasted >= 4 && !fits(&section) => hidden += 1,
             Middle::Blade => {

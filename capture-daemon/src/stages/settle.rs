@@ -26,7 +26,8 @@ pub(super) fn settle_roughly(mask: &Mask, sections: &mut [Section], wavelength_p
 }
 
 fn measured_half(section: &Section) -> f64 {
-    let (low, high) = section.guide_px.map_or((0.0, f64::INFINITY), |px| (0.85 * f64::from(px), 1.15 * f64::from(px)));
+    let (low, high) =
+        section.guide_px.map_or((0.0, f64::INFINITY), |px| (0.9 * f64::from(px), 1.05 * f64::from(px)));
     let half = match (section.measured.left_px, section.measured.right_px) {
         (Some(left), Some(right)) => f64::from(0.5 * (right - left)),
         _ => f64::from(section.expected.half_px),
@@ -36,13 +37,7 @@ fn measured_half(section: &Section) -> f64 {
 
 /// `widest`: bound of the half width, pixels; `search`: how far beyond 2 px an edge may be from where it
 /// is expected, in half widths.
-fn smooth_and_measure(
-    mask: &Mask,
-    sections: &mut [Section],
-    wavelength_px: f64,
-    widest: f64,
-    search: f32,
-) {
+fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64, widest: f64, search: f32) {
     let n = sections.len();
     let weights: Vec<f64> = sections.iter().map(|section| f64::from(section.weight())).collect();
     let both: Vec<f64> = sections.iter().map(|s| if s.edges_seen() == 2 { 1.0 } else { 0.0 }).collect();
@@ -90,12 +85,15 @@ fn slopes(sections: &[Section]) -> Vec<f32> {
     // noise, 0.6 mm a px of slope): keeps the fit calm where there are but a few pixels.
     const RIDGE: f32 = 0.5;
     let half = (3.0 * SLOPE_WINDOW_PX) as usize;
-    (0..sections.len())
+    let mut slopes: Vec<f32> = (0..sections.len())
         .map(|i| {
             let (mut ta, mut tt) = (0.0, RIDGE);
             let first = i.saturating_sub(half);
             let window = &sections[first..(i + half + 1).min(sections.len())];
-            for (k, Section { expected, measured, .. }) in window.iter().enumerate() {
+            for (k, Section { expected, measured, guide_px, .. }) in window.iter().enumerate() {
+                if guide_px.is_some() {
+                    continue;
+                }
                 let away = ((first + k) as f32 - i as f32) / SLOPE_WINDOW_PX;
                 let weight = (-0.5 * away * away).exp();
                 let [moment, square] = measured.slope_moments;
@@ -105,7 +103,14 @@ fn slopes(sections: &[Section]) -> Vec<f32> {
             }
             ta / tt
         })
-        .collect()
+        .collect();
+    // Where a blade is only guided, what is seen may be its neighbour's: it goes on as it was.
+    for i in (0..sections.len().saturating_sub(1)).rev() {
+        if sections[i].guide_px.is_some() {
+            slopes[i] = slopes[i + 1];
+        }
+    }
+    slopes
 }
 
 /// Unit vector to the right of a midrib at one of its points.
