@@ -28,3 +28,26 @@ fn single_blades_are_found() {
 fn blades_of_rows_are_found() {
     check(Family::Row);
 }
+
+#[test]
+fn blades_that_cross_are_put_together_behind_each_other() {
+    let clip = ClipParams { frames: 36, ..ClipParams::default() };
+    let measured =
+        |seed| measure(Family::Crossing, seed, clip, &SessionParams::default()).expect("valid parameters");
+    let summary = Summary::of(&(9_000..9_005).map(measured).collect::<Vec<_>>());
+    println!("{summary}");
+    assert!(summary.inexact.len() <= 1, "{summary}");
+    assert!(summary.median.length < 0.02 && summary.p95.length < 0.08, "{summary}");
+}
+
+#[test]
+fn blades_of_a_tuft_reach_down_to_the_base_that_they_share() {
+    let clip = ClipParams { frames: 36, ..ClipParams::default() };
+    let measured =
+        |seed| measure(Family::Fan, seed, clip, &SessionParams::default()).expect("valid parameters");
+    let summary = Summary::of(&(9_000..9_005).map(measured).collect::<Vec<_>>());
+    println!("{summary}");
+    assert!(summary.inexact.len() <= 2, "{summary}");
+    assert!(summary.median.length < 0.03 && summary.p95.length < 0.10, "{summary}");
+    assert!(summary.median.midrib_m < 0.0012, "{summary}");
+}

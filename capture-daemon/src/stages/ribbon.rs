@@ -2,13 +2,16 @@
 //! behind what hides it, across gaps without readings and into the base that it shares with others.
 
 use common::geometry::fit::Parabola;
-use common::geometry::{polyline, smooth};
+use common::geometry::polyline;
 use glam::Vec2;
 
+use super::crossing;
 use super::join::join;
 use super::mask::Mask;
 use super::partition::{Field, Part, Side};
 use super::section::{Expected, Measured, Middle};
+use super::settle::{across_at, settle, settle_roughly};
+use super::tuft;
 
 /// A cross-section of a ribbon, about a pixel from the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +20,15 @@ pub struct Section {
     pub expected: Expected,
     /// What was measured there.
     pub measured: Measured,
+    /// What the expected place counts beside measured ones, whose weight is 1.
+    pub anchor: f32,
+    /// Of a section that lies where its blade must pass rather than where it was seen: half of the
+    /// width that the blade has there, pixels.
+    pub guide_px: Option<f32>,
 }
+
+/// What an expected place counts where nothing is known of it.
+const ANCHOR: f32 = 0.004;
 
 /// How a ribbon ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +50,8 @@ pub struct Ribbon {
     pub root: End,
     /// How it ends at its tip.
     pub tip: End,
+    /// Sections at its root whose blade is not sure to be its own.
+    pub(super) unsure: usize,
 }
 
 /// How far a blade is followed.
@@ -58,12 +71,8 @@ impl Default for RibbonParams {
     }
 }
 
-/// Half-height wavelengths of the smoothing along a ribbon, pixels.
+/// Half-height wavelength of the smoothing of midribs along a ribbon, pixels.
 const MIDRIB_WAVELENGTH_PX: f64 = 28.0;
-const WIDTH_WAVELENGTH_PX: f64 = 16.0;
-const DEPTH_WAVELENGTH_PX: f64 = 48.0;
-/// σ of the window in which the slope across is fitted, pixels.
-const SLOPE_WINDOW_PX: f32 = 9.0;
 /// Shortest stretch that a blade can be followed from, pixels.
 const MIN_SEED_PX: usize = 8;
 
@@ -76,7 +85,14 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     };
     longest_first(&mut ribbons);
     join(mask, &mut ribbons, params);
+    crossing::join(mask, &mut ribbons);
     ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
+    tuft::gather(mask, &mut ribbons, params);
+    for ribbon in &mut ribbons {
+        for wavelength_px in [18.0, 24.0, MIDRIB_WAVELENGTH_PX] {
+            settle(mask, &mut ribbon.sections, wavelength_px);
+        }
+    }
     longest_first(&mut ribbons);
     let mut kept: Vec<Ribbon> = Vec::new();
     for ribbon in ribbons {
@@ -88,7 +104,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
 }
 
 /// Largest distance of a reading from where its blade is expected, metres.
-fn tolerance_m(mask: &Mask) -> f32 {
+pub(super) fn tolerance_m(mask: &Mask) -> f32 {
     // A single frame's noise is not all of it: real leaves are curled.
     let factor = if mask.frames >= 4 { 5.0 } else { 10.0 };
     (factor * mask.depth_noise_m).clamp(0.002, 0.020)
@@ -97,6 +113,7 @@ fn tolerance_m(mask: &Mask) -> f32 {
 /// What the outline shows of a blade.
 fn visible_stretch(mask: &Mask, part: &Part) -> Option<Ribbon> {
     let mut sections = seed(mask, part)?;
+    settle_roughly(mask, &mut sections, 12.0);
     settle(mask, &mut sections, 12.0);
     // Beside what hides it the stretch narrows to a wedge that says nothing about the blade.
     let clear = |section: &Section| section.measured.middle == Middle::Blade && section.edges_seen() == 2;
@@ -105,7 +122,7 @@ fn visible_stretch(mask: &Mask, part: &Part) -> Option<Ribbon> {
     sections.truncate(last + 1);
     sections.drain(..first);
     let root = if part.cut { End::Shared } else { End::Free };
-    (sections.len() >= MIN_SEED_PX).then_some(Ribbon { sections, root, tip: End::Free })
+    (sections.len() >= MIN_SEED_PX).then_some(Ribbon { sections, root, tip: End::Free, unsure: 0 })
 }
 
 /// Follows a ribbon on at both ends and finds out which one is the root.
@@ -116,9 +133,6 @@ fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonPar
     reverse(sections);
     ribbon.root = extend(mask, sections, fields, params);
     reverse(sections);
-    for wavelength_px in [18.0, 24.0, MIDRIB_WAVELENGTH_PX] {
-        settle(mask, sections, wavelength_px);
-    }
     let first_is_root = match (ribbon.root, ribbon.tip) {
         _ if cut => true,
         (End::Shared, End::Shared) | (End::Free | End::Lost, End::Free | End::Lost) => {
@@ -131,6 +145,57 @@ fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonPar
         reverse(&mut ribbon.sections);
         std::mem::swap(&mut ribbon.root, &mut ribbon.tip);
     }
+    ribbon.unsure = unsure(&ribbon.sections);
+}
+
+/// Sections at the root that come after a stretch too long without both edges, as seen from the tip,
+/// or after a jump of the width.
+fn unsure(sections: &[Section]) -> usize {
+    let (mut last, mut unclear, mut half) = (sections.len(), 0.0, None::<f32>);
+    for (i, section) in sections.iter().enumerate().rev() {
+        if section.guide_px.is_some() {
+            (unclear, half) = (0.0, None);
+            continue;
+        }
+        let seen = section.expected.half_px;
+        let both = section.edges_seen() == 2 && section.measured.middle == Middle::Blade;
+        let alike = half.is_none_or(|half| (seen - half).abs() < 0.15 * half + 1.0);
+        if both && alike {
+            (last, unclear) = (i, 0.0);
+            half = Some(half.map_or(seen, |half| 0.8 * half + 0.2 * seen));
+        } else if let Some(clear) = half {
+            unclear += 1.0;
+            if unclear > 0.8 * clear + 6.0 {
+                // A thin tip is seldom seen as a whole.
+                if sections.len() - last > 40 {
+                    break;
+                }
+                (unclear, half) = (0.0, None);
+            }
+        }
+    }
+    if last == 0 || last == sections.len() { 0 } else { last + crotch(&sections[last..]) }
+}
+
+/// Sections at the lower end of a stretch that swell into what the blade shares with its neighbour: wider
+/// than those above them lead to.
+fn crotch(sections: &[Section]) -> usize {
+    const SWELLING: usize = 24;
+    const ABOVE: usize = 40;
+    if sections.len() < SWELLING + ABOVE {
+        return 4.min(sections.len() / 8);
+    }
+    let mut above = Parabola::default();
+    for (i, section) in sections.iter().enumerate().skip(SWELLING).take(ABOVE) {
+        let weight = if section.edges_seen() == 2 { 1.0 } else { 0.0 };
+        above.add(i as f64, section.expected.half_px.into(), weight);
+    }
+    let Some([half, taper, _]) = above.solve(1, 0.0) else { return 4 };
+    let swells = |i: &usize| {
+        let led = (half + taper * *i as f64) as f32;
+        sections[*i].expected.half_px > 1.06 * led + 0.3
+    };
+    4 + (0..SWELLING).rev().find(swells).map_or(0, |i| i + 1)
 }
 
 /// The stretch that the outline shows, from the part's base to its tip.
@@ -159,9 +224,9 @@ fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
             depth_m,
             slope_m: 0.0,
             tolerance_m: tolerance_m.max(0.004),
-            search_px: 2.5,
+            search_px: 2.5 + 0.3 * half_px,
         };
-        sections.push(Section { expected, measured: expected.measure(mask) });
+        sections.push(Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: None });
     }
     Some(sections)
 }
@@ -204,15 +269,9 @@ fn matched_sides(part: &Part) -> Option<(Vec<Vec2>, Vec<f32>)> {
     (sides.len() >= 2).then(|| sides.into_iter().unzip())
 }
 
-fn across_at(mids: &[Vec2], i: usize) -> Vec2 {
-    let along = mids[(i + 2).min(mids.len() - 1)] - mids[i.saturating_sub(2)];
-    let along = along.normalize_or(Vec2::NEG_Y);
-    Vec2::new(-along.y, along.x)
-}
-
 pub(super) fn reverse(sections: &mut [Section]) {
     sections.reverse();
-    for Section { expected, measured } in sections {
+    for Section { expected, measured, .. } in sections {
         expected.across = -expected.across;
         expected.slope_m = -expected.slope_m;
         (measured.left_px, measured.right_px) = (measured.right_px.map(|e| -e), measured.left_px.map(|e| -e));
@@ -221,12 +280,27 @@ pub(super) fn reverse(sections: &mut [Section]) {
 }
 
 impl Section {
-    fn edges_seen(&self) -> usize {
+    pub(super) fn edges_seen(&self) -> usize {
         usize::from(self.measured.left_px.is_some()) + usize::from(self.measured.right_px.is_some())
     }
 
+    /// Forgets edges that are not where a blade that passes here has them.
+    pub(super) fn doubt(&mut self) {
+        let Some(half) = self.guide_px else { return };
+        let Measured { left_px, right_px, .. } = &mut self.measured;
+        let off = match (*left_px, *right_px) {
+            (Some(left), Some(right)) => (right - left - 2.0 * half).abs().max((right + left).abs()),
+            (Some(left), None) => 2.0 * (left + half).abs(),
+            (None, Some(right)) => 2.0 * (right - half).abs(),
+            (None, None) => 0.0,
+        };
+        if off > 0.1 * half + 1.0 {
+            (*left_px, *right_px) = (None, None);
+        }
+    }
+
     /// How much its middle says about the midrib.
-    fn weight(&self) -> f32 {
+    pub(super) fn weight(&self) -> f32 {
         let narrow = (self.expected.half_px / 1.0).clamp(0.05, 1.0);
         match (self.measured.middle, self.edges_seen()) {
             (Middle::Blade, 2) => narrow,
@@ -236,7 +310,7 @@ impl Section {
     }
 
     /// The middle between its edges, as far as they are seen.
-    fn middle(&self) -> Vec2 {
+    pub(super) fn middle(&self) -> Vec2 {
         let Expected { mid, across, half_px, .. } = self.expected;
         let offset = match (self.measured.left_px, self.measured.right_px) {
             (Some(left), Some(right)) => 0.5 * (left + right),
@@ -267,7 +341,8 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
         if mask.index_at(expected.mid).is_some_and(|index| mask.hand[index]) {
             break End::Shared;
         }
-        let mut section = Section { expected, measured: expected.measure(mask) };
+        let mut section =
+            Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: None };
         match section.measured.middle {
             Middle::Blade if coasted >= 4 && !fits(&section) => hidden += 1,
             Middle::Blade => {
@@ -374,74 +449,6 @@ fn root_is_far(mask: &Mask, section: &Section, fields: &[Field]) -> bool {
     let label = mask.index_at(mid).map_or(0, |index| usize::from(mask.blobs.of[index]));
     let field = label.checked_sub(1).and_then(|blob| fields.get(blob));
     field.is_some_and(|field| field.at(mid) > 5.0 * half_px + 10.0)
-}
-
-/// Smooths a ribbon over its whole length and measures it anew.
-fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
-    let n = sections.len();
-    let weights: Vec<f64> = sections.iter().map(|section| f64::from(section.weight())).collect();
-    let both: Vec<f64> = sections.iter().map(|s| if s.edges_seen() == 2 { 1.0 } else { 0.0 }).collect();
-    let measured_half = |s: &Section| match (s.measured.left_px, s.measured.right_px) {
-        (Some(left), Some(right)) => f64::from(0.5 * (right - left)),
-        _ => f64::from(s.expected.half_px),
-    };
-    // Where a width is not seen, what was expected counts a little, so that it does not run away.
-    let anchored =
-        |weights: &[f64], anchor: f64| -> Vec<f64> { weights.iter().map(|w| w.max(anchor)).collect() };
-    let halves: Vec<f64> = sections.iter().map(measured_half).collect();
-    let widest = sections.iter().filter(|s| s.edges_seen() == 2).map(measured_half).fold(0.5, f64::max);
-    let halves = smooth::penalised(&halves, &anchored(&both, 0.02), WIDTH_WAVELENGTH_PX);
-    let mids: Vec<Vec2> = sections.iter().map(Section::middle).collect();
-    let axis = |of: fn(&Vec2) -> f32| {
-        let values: Vec<f64> = mids.iter().map(|p| f64::from(of(p))).collect();
-        smooth::penalised(&values, &anchored(&weights, 0.004), wavelength_px)
-    };
-    let mids: Vec<Vec2> =
-        axis(|p| p.x).into_iter().zip(axis(|p| p.y)).map(|(x, y)| Vec2::new(x as f32, y as f32)).collect();
-    let readings: Vec<f64> = sections.iter().map(|s| f64::from(s.measured.readings)).collect();
-    let mean = readings.iter().sum::<f64>() / readings.iter().filter(|r| **r > 0.0).count().max(1) as f64;
-    let readings: Vec<f64> = readings.iter().map(|r| r / mean.max(1.0)).collect();
-    let depths: Vec<f64> =
-        sections.iter().map(|s| f64::from(s.measured.depth_m.unwrap_or(s.expected.depth_m))).collect();
-    let depths = smooth::penalised(&depths, &anchored(&readings, 0.002), DEPTH_WAVELENGTH_PX);
-    let slopes = slopes(sections);
-    let tolerance = tolerance_m(mask);
-    for i in 0..n {
-        let expected = Expected {
-            mid: mids[i],
-            across: across_at(&mids, i),
-            half_px: halves[i].clamp(0.3, widest) as f32,
-            depth_m: depths[i] as f32,
-            slope_m: slopes[i],
-            tolerance_m: tolerance,
-            search_px: 2.0,
-        };
-        sections[i] = Section { expected, measured: expected.measure(mask) };
-    }
-}
-
-/// Slope of depth across, fitted in a window along the ribbon.
-fn slopes(sections: &[Section]) -> Vec<f32> {
-    // What a slope is expected to be against the noise of one reading (1 px to the side, 0.4 mm of
-    // noise, 0.6 mm a px of slope): keeps the fit calm where there are but a few pixels.
-    const RIDGE: f32 = 0.5;
-    let half = (3.0 * SLOPE_WINDOW_PX) as usize;
-    (0..sections.len())
-        .map(|i| {
-            let (mut ta, mut tt) = (0.0, RIDGE);
-            let first = i.saturating_sub(half);
-            let window = &sections[first..(i + half + 1).min(sections.len())];
-            for (k, Section { expected, measured }) in window.iter().enumerate() {
-                let away = ((first + k) as f32 - i as f32) / SLOPE_WINDOW_PX;
-                let weight = (-0.5 * away * away).exp();
-                let [moment, square] = measured.slope_moments;
-                // The moments are those of what was left over the slope expected then.
-                ta += weight * (moment + expected.slope_m * square);
-                tt += weight * square;
-            }
-            ta / tt
-        })
-        .collect()
 }
 
 /// Whether most of what is seen of `ribbon` is `longer`'s.

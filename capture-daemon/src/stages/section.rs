@@ -201,6 +201,13 @@ impl Expected {
                 return None;
             }
         }
+        // A shadow that what is nearer throws on the blade can be long at a slant.
+        let shadowed = (2..=40)
+            .map(|j| self.sight(mask, side * (reach + j as f32 * STEP_PX)))
+            .find(|sight| !matches!(sight, Sight::Unseen | Sight::Blade));
+        if shadowed == Some(Sight::Nearer) {
+            return None;
+        }
         // Beyond the smear of the edge stands what it is seen against.
         let against = (4..=8).find_map(|j| {
             let t = side * (reach + j as f32 * STEP_PX);
@@ -221,7 +228,10 @@ impl Expected {
         let limit = self.half_px + self.search_px;
         let steps = (limit / STEP_PX) as i32;
         let first = (1..=steps).find(|k| self.sight(mask, -side * *k as f32 * STEP_PX) == Sight::Blade)?;
-        Some(-side * (first as f32 - 0.5) * STEP_PX)
+        // It begins there, unless something nearer hides what is before.
+        let before = (first - 10..first).map(|k| self.sight(mask, -side * k as f32 * STEP_PX));
+        let hidden = before.rev().find(|sight| *sight != Sight::Unseen) == Some(Sight::Nearer);
+        (!hidden).then_some(-side * (first as f32 - 0.5) * STEP_PX)
     }
 
     /// Share of a point that is of the blade, bilinear; `against`: depth of what is behind its edge.

@@ -1,0 +1,121 @@
+//! A ribbon's sections, smoothed along it and measured anew where that puts them.
+
+use common::geometry::smooth;
+use glam::Vec2;
+
+use super::mask::Mask;
+use super::ribbon::{Section, tolerance_m};
+use super::section::Expected;
+
+/// Half-height wavelengths of the smoothing along a ribbon, pixels.
+const WIDTH_WAVELENGTH_PX: f64 = 16.0;
+const DEPTH_WAVELENGTH_PX: f64 = 48.0;
+/// σ of the window in which the slope across is fitted, pixels.
+const SLOPE_WINDOW_PX: f32 = 9.0;
+
+/// Smooths a ribbon over its whole length and measures it anew.
+pub(super) fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
+    let widest = sections.iter().filter(|s| s.edges_seen() == 2).map(measured_half).fold(0.5, f64::max);
+    smooth_and_measure(mask, sections, wavelength_px, widest, 0.0);
+}
+
+/// The same for sections that are but guessed: edges may be farther from where they are expected.
+pub(super) fn settle_roughly(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
+    let widest = sections.iter().map(measured_half).fold(0.5, f64::max);
+    smooth_and_measure(mask, sections, wavelength_px, widest, 0.3);
+}
+
+fn measured_half(section: &Section) -> f64 {
+    let (low, high) =
+        section.guide_px.map_or((0.0, f64::INFINITY), |px| (0.9 * f64::from(px), 1.05 * f64::from(px)));
+    let half = match (section.measured.left_px, section.measured.right_px) {
+        (Some(left), Some(right)) => f64::from(0.5 * (right - left)),
+        _ => f64::from(section.expected.half_px),
+    };
+    half.clamp(low, high)
+}
+
+/// `widest`: bound of the half width, pixels; `search`: how far beyond 2 px an edge may be from where it
+/// is expected, in half widths.
+fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64, widest: f64, search: f32) {
+    let n = sections.len();
+    let weights: Vec<f64> = sections.iter().map(|section| f64::from(section.weight())).collect();
+    let both: Vec<f64> = sections.iter().map(|s| if s.edges_seen() == 2 { 1.0 } else { 0.0 }).collect();
+    // Where a width is not seen, what was expected counts a little, so that it does not run away.
+    let anchored =
+        |weights: &[f64], anchor: f64| -> Vec<f64> { weights.iter().map(|w| w.max(anchor)).collect() };
+    let places: Vec<f64> =
+        weights.iter().zip(sections.iter()).map(|(w, s)| w.max(f64::from(s.anchor))).collect();
+    let halves: Vec<f64> = sections.iter().map(measured_half).collect();
+    let halves = smooth::penalised(&halves, &anchored(&both, 0.02), WIDTH_WAVELENGTH_PX);
+    let mids: Vec<Vec2> = sections.iter().map(Section::middle).collect();
+    let axis = |of: fn(&Vec2) -> f32| {
+        let values: Vec<f64> = mids.iter().map(|p| f64::from(of(p))).collect();
+        smooth::penalised(&values, &places, wavelength_px)
+    };
+    let mids: Vec<Vec2> =
+        axis(|p| p.x).into_iter().zip(axis(|p| p.y)).map(|(x, y)| Vec2::new(x as f32, y as f32)).collect();
+    let readings: Vec<f64> = sections.iter().map(|s| f64::from(s.measured.readings)).collect();
+    let mean = readings.iter().sum::<f64>() / readings.iter().filter(|r| **r > 0.0).count().max(1) as f64;
+    let readings: Vec<f64> = readings.iter().map(|r| r / mean.max(1.0)).collect();
+    let depths: Vec<f64> =
+        sections.iter().map(|s| f64::from(s.measured.depth_m.unwrap_or(s.expected.depth_m))).collect();
+    let depths = smooth::penalised(&depths, &anchored(&readings, 0.002), DEPTH_WAVELENGTH_PX);
+    let slopes = slopes(sections);
+    let tolerance = tolerance_m(mask);
+    for i in 0..n {
+        let half_px = halves[i].clamp(0.3, widest) as f32;
+        let expected = Expected {
+            mid: mids[i],
+            across: across_at(&mids, i),
+            half_px,
+            depth_m: depths[i] as f32,
+            slope_m: slopes[i],
+            tolerance_m: tolerance,
+            search_px: 2.0 + search * half_px,
+        };
+        sections[i] = Section { expected, measured: expected.measure(mask), ..sections[i] };
+        sections[i].doubt();
+    }
+}
+
+/// Slope of depth across, fitted in a window along the ribbon.
+fn slopes(sections: &[Section]) -> Vec<f32> {
+    // What a slope is expected to be against the noise of one reading (1 px to the side, 0.4 mm of
+    // noise, 0.6 mm a px of slope): keeps the fit calm where there are but a few pixels.
+    const RIDGE: f32 = 0.5;
+    let half = (3.0 * SLOPE_WINDOW_PX) as usize;
+    let mut slopes: Vec<f32> = (0..sections.len())
+        .map(|i| {
+            let (mut ta, mut tt) = (0.0, RIDGE);
+            let first = i.saturating_sub(half);
+            let window = &sections[first..(i + half + 1).min(sections.len())];
+            for (k, Section { expected, measured, guide_px, .. }) in window.iter().enumerate() {
+                if guide_px.is_some() {
+                    continue;
+                }
+                let away = ((first + k) as f32 - i as f32) / SLOPE_WINDOW_PX;
+                let weight = (-0.5 * away * away).exp();
+                let [moment, square] = measured.slope_moments;
+                // The moments are those of what was left over the slope expected then.
+                ta += weight * (moment + expected.slope_m * square);
+                tt += weight * square;
+            }
+            ta / tt
+        })
+        .collect();
+    // Where a blade is only guided, what is seen may be its neighbour's: it goes on as it was.
+    for i in (0..sections.len().saturating_sub(1)).rev() {
+        if sections[i].guide_px.is_some() {
+            slopes[i] = slopes[i + 1];
+        }
+    }
+    slopes
+}
+
+/// Unit vector to the right of a midrib at one of its points.
+pub(super) fn across_at(mids: &[Vec2], i: usize) -> Vec2 {
+    let along = mids[(i + 2).min(mids.len() - 1)] - mids[i.saturating_sub(2)];
+    let along = along.normalize_or(Vec2::NEG_Y);
+    Vec2::new(-along.y, along.x)
+}

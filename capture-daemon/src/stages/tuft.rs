@@ -1,0 +1,245 @@
+//! Blades that grow from one base: where it is, and their way to it through what they share.
+
+use glam::{Mat2, Vec2};
+
+use super::mask::{self, Mask};
+use super::ray::Ray;
+use super::ribbon::{End, Ribbon, RibbonParams, Section};
+use super::section::Expected;
+
+/// A blade as far as it is sure, seen from its tip.
+struct Blade {
+    /// Which ribbon.
+    ribbon: usize,
+    /// The end of its sure part.
+    ray: Ray,
+    /// Whether a longer one follows the same blade.
+    echo: bool,
+}
+
+/// Where blades grow from.
+struct Hub {
+    at: Vec2,
+    depth_m: f32,
+}
+
+/// A base is no smaller than this, pixels.
+const NEAR_PX: f32 = 15.0;
+/// How far roots lie from their hub, one standard deviation: pixels and metres of depth.
+const ROOTS_PX: f32 = 4.0;
+const ROOTS_M: f32 = 0.006;
+/// Blades that must lead to a hub, each counting less the farther it misses it.
+const LEAST_SUPPORT: f32 = 1.3;
+
+/// Leads the ribbons that grow from one base down to it.
+pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams) {
+    if mask.hand.contains(&true) {
+        return;
+    }
+    let mut blades: Vec<Blade> = ribbons.iter().enumerate().filter_map(blade).collect();
+    blades.sort_by_key(|blade| std::cmp::Reverse(blade.ray.length));
+    for i in 0..blades.len() {
+        blades[i].echo = blades[..i].iter().any(|longer| longer.is_echoed_by(&blades[i]));
+    }
+    let lowest = lowest(mask, params.down);
+    while let Some(hub) = hub(mask, &blades, &lowest, params.down) {
+        blades.retain(|blade| {
+            let led = hub.is_reached_by(&blade.ray) && lead(mask, &mut ribbons[blade.ribbon], blade, &hub);
+            !led && blade.leads_to(hub.at) == 0.0
+        });
+    }
+}
+
+/// For each pixel how far down what is connected to it reaches, pixels; shadows without readings
+/// connect.
+fn lowest(mask: &Mask, down: Vec2) -> Vec<f32> {
+    let occupied = |index: usize| mask.blobs.of[index] != 0 || mask.occupancy[index] >= 0.5;
+    let all = mask::components(mask, |index| occupied(index) || mask.unseen[index], |_, _| true);
+    let mut lowest = vec![f32::MIN; mask.depth_m.len()];
+    for pixels in all {
+        let held = || pixels.iter().map(|index| *index as usize).filter(|index| occupied(*index));
+        let bottom = held().map(|index| mask.pixel(index).dot(down)).fold(f32::MIN, f32::max);
+        held().for_each(|index| lowest[index] = bottom);
+    }
+    lowest
+}
+
+fn blade((index, ribbon): (usize, &Ribbon)) -> Option<Blade> {
+    let ray = Ray::of(ribbon.sections[ribbon.unsure..].iter())?;
+    Some(Blade { ribbon: index, ray, echo: false })
+}
+
+impl Blade {
+    /// 1 for a point that it leads to, down to 0.
+    fn leads_to(&self, point: Vec2) -> f32 {
+        let (ahead, aside) = self.ray.to(point);
+        let limit = 5.0 + 0.12 * ahead.max(0.0);
+        let back = 10.0 + self.ray.half_px;
+        if ahead < -back || ahead > 1.5 * self.ray.length as f32 + 20.0 || aside > limit {
+            return 0.0;
+        }
+        1.0 - (aside / limit).powi(2)
+    }
+
+    fn is_echoed_by(&self, other: &Blade) -> bool {
+        let (ray, other) = (&self.ray, &other.ray);
+        let (ahead, aside) = ray.to(other.from);
+        let beside = aside < ray.half_px.max(2.0) && ahead.abs() < ray.length as f32;
+        let near = (ray.depth_at(other.from) - other.depth_m).abs() < 0.01;
+        beside && near && ray.along.dot(other.along) > 0.97
+    }
+}
+
+impl Hub {
+    /// Whether a blade's depth leads there too.
+    fn is_reached_by(&self, ray: &Ray) -> bool {
+        let (ahead, _) = ray.to(self.at);
+        (ray.depth_at(self.at) - self.depth_m).abs() < 0.020 + 1.5e-4 * ahead.max(0.0)
+    }
+}
+
+/// The base that most blades lead to.
+fn hub(mask: &Mask, blades: &[Blade], lowest: &[f32], down: Vec2) -> Option<Hub> {
+    let inside = |point: Vec2| mask.index_at(point).is_some_and(|index| mask.blobs.of[index] != 0);
+    // The lower end of what is seen below a point, or a little above it.
+    let bottom = |point: Vec2| {
+        let at = |k: i32| point + down * k as f32;
+        let first = (-25..=0).rev().find(|k| inside(at(*k)))?;
+        let last = (first..40).take_while(|k| (0..=3).any(|gap| inside(at(k + gap)))).last()?;
+        Some(at(last))
+    };
+    let is_low = |point: Vec2| {
+        let bottom = bottom(point).filter(|bottom| bottom.distance(point) < 25.0);
+        let index = bottom.and_then(|bottom| mask.index_at(bottom));
+        index.is_some_and(|index| lowest[index] - point.dot(down) < 25.0)
+    };
+    let mut best: Option<(f32, Vec2)> = None;
+    for (i, a) in blades.iter().enumerate() {
+        for b in &blades[..i] {
+            let (a, b) = (&a.ray, &b.ray);
+            let turn = a.along.perp_dot(b.along);
+            if turn.abs() < 0.1 {
+                continue;
+            }
+            let point = a.from + a.along * ((b.from - a.from).perp_dot(b.along) / turn);
+            let support = support(blades, point).map_or(0.0, |(support, _)| support);
+            if support > LEAST_SUPPORT && best.is_none_or(|(most, _)| support > most) && is_low(point) {
+                best = Some((support, point));
+            }
+        }
+    }
+    let (_, mut at) = best?;
+    for _ in 0..4 {
+        // The point closest to all rays.
+        let (mut matrix, mut vector) = (Mat2::ZERO, Vec2::ZERO);
+        for blade in blades {
+            let ray = &blade.ray;
+            let (ahead, _) = ray.to(at);
+            let weight = blade.leads_to(at) / (2.0 + 0.05 * ahead.max(0.0)).powi(2);
+            let across = ray.along.perp();
+            let projector = Mat2::from_cols(across * across.x, across * across.y) * weight;
+            matrix += projector;
+            vector += projector * ray.from;
+        }
+        if matrix.determinant() < 1e-6 {
+            break;
+        }
+        at = matrix.inverse() * vector;
+    }
+    let (_, depth_m) = support(blades, at).filter(|(support, _)| *support > LEAST_SUPPORT)?;
+    // Roots end across the blades, some lower than others.
+    Some(Hub { at: at + down * ((bottom(at)? - at).dot(down) - 2.5), depth_m })
+}
+
+/// How many blades lead to a point, and at which depth.
+fn support(blades: &[Blade], point: Vec2) -> Option<(f32, f32)> {
+    let leading = || blades.iter().filter(|blade| !blade.echo).map(|it| (&it.ray, it.leads_to(point)));
+    let mut depths: Vec<f32> =
+        leading().filter(|(_, leads)| *leads > 0.0).map(|(ray, _)| ray.depth_at(point)).collect();
+    depths.sort_by(f32::total_cmp);
+    let hub = Hub { at: point, depth_m: *depths.get(depths.len() / 2)? };
+    let sum = leading().filter(|(ray, _)| hub.is_reached_by(ray)).map(|(_, leads)| leads).sum();
+    Some((sum, hub.depth_m))
+}
+
+/// Leads one ribbon to the hub if it can grow from there; whether it does.
+fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
+    let ray = &blade.ray;
+    let (ahead, _) = ray.to(hub.at);
+    // It ends by itself, before all others.
+    if ribbon.root == End::Free && ribbon.unsure == 0 && ahead.abs() < NEAR_PX {
+        return true;
+    }
+    let lateral = (hub.at - ray.from).dot(ray.along.perp());
+    let sigma = 1.5 + 0.06 * ahead.max(0.0);
+    let of_hub = sigma * sigma / (sigma * sigma + ROOTS_PX * ROOTS_PX);
+    let target = ray.from + ray.along * ahead + ray.along.perp() * lateral * of_hub;
+    let gap = target - ray.from;
+    let length = gap.length();
+    if ahead < 1.0 {
+        let beyond = ribbon.sections.iter().take_while(|s| (s.expected.mid - target).dot(ray.along) > 0.0);
+        let beyond = beyond.count();
+        if blade.leads_to(hub.at) > 0.0 && beyond + 8 < ribbon.sections.len() {
+            ribbon.sections.drain(..beyond);
+            ribbon.root = End::Shared;
+            return true;
+        }
+        return false;
+    }
+    if gap.dot(ray.along) < 0.85 * length {
+        return false;
+    }
+    let sure = &ribbon.sections[ribbon.unsure..];
+    let bend = gap - ray.along * length;
+    let sigma_m = 0.0015 + 1.0e-4 * length;
+    let depth_m = ray.depth_m + ray.climb_m * length;
+    let of_hub = sigma_m * sigma_m / (sigma_m * sigma_m + ROOTS_M * ROOTS_M);
+    let bow_m = (hub.depth_m - depth_m) * of_hub;
+    // What the width does at the end it does for a while.
+    const MEMORY_PX: f32 = 25.0;
+    let half_at = |s: f32| {
+        let change = ray.taper.clamp(-0.1, 0.1) * MEMORY_PX * (1.0 - (-s / MEMORY_PX).exp());
+        (ray.half_px + change).max(0.4 * ray.half_px)
+    };
+    let steps = length.ceil() as usize;
+    let mut way: Vec<Section> = (1..=steps)
+        .map(|k| {
+            let t = k as f32 / steps as f32;
+            let direction = -(ray.along * length + bend * 2.0 * t).normalize_or(ray.along);
+            let expected = Expected {
+                mid: ray.from + ray.along * length * t + bend * t * t,
+                across: Vec2::new(-direction.y, direction.x),
+                half_px: half_at(length * t),
+                depth_m: ray.depth_m + ray.climb_m * length * t + bow_m * t * t,
+                ..sure[0].expected
+            };
+            let anchor = if k == steps { 1.0 } else { 0.01 };
+            let mut section = Section {
+                expected,
+                measured: expected.measure(mask),
+                anchor,
+                guide_px: Some(expected.half_px),
+            };
+            section.doubt();
+            section
+        })
+        .collect();
+    let open = way.iter().filter(|section| is_open(mask, section)).count();
+    if open as f32 > 3.0 + 0.15 * length {
+        return false;
+    }
+    way.reverse();
+    way.extend_from_slice(sure);
+    ribbon.sections = way;
+    ribbon.root = End::Shared;
+    ribbon.unsure = 0;
+    true
+}
+
+/// Whether a blade that passed there would be seen, and is not.
+pub(super) fn is_open(mask: &Mask, section: &Section) -> bool {
+    let Some(index) = mask.index_at(section.expected.mid) else { return true };
+    let nothing = mask.depth_m[index] <= 0.0 || mask.occupancy[index] < 0.3;
+    let behind = mask.depth_m[index] > section.expected.depth_m + 0.02;
+    (nothing || behind) && !mask.unseen[index]
+}
