@@ -2,6 +2,7 @@
 
 use glam::{Mat2, Vec2};
 
+use super::hand;
 use super::mask::{self, Mask};
 use super::ray::Ray;
 use super::ribbon::{End, Ribbon, RibbonParams, Section};
@@ -31,23 +32,79 @@ const ROOTS_M: f32 = 0.006;
 /// Blades that must lead to a hub, each counting less the farther it misses it.
 const LEAST_SUPPORT: f32 = 1.3;
 
-/// Leads the ribbons that grow from one base down to it.
+/// Leads the ribbons that grow from one base down to it: to a base that is seen, or into the hand that
+/// grips them, where they end.
 pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams) {
-    if mask.hand.contains(&true) {
-        return;
-    }
     let mut blades: Vec<Blade> = ribbons.iter().enumerate().filter_map(blade).collect();
     blades.sort_by_key(|blade| std::cmp::Reverse(blade.ray.length));
     for i in 0..blades.len() {
         blades[i].echo = blades[..i].iter().any(|longer| longer.is_echoed_by(&blades[i]));
     }
-    let lowest = lowest(mask, params.down);
-    while let Some(hub) = hub(mask, &blades, &lowest, params.down) {
+    let ground = if mask.hand.contains(&true) {
+        Ground::Hand(hand::chamfer(mask, |index| mask.hand[index]))
+    } else {
+        Ground::Lowest(lowest(mask, params.down))
+    };
+    while let Some(hub) = hub(mask, &blades, &ground, params.down) {
         blades.retain(|blade| {
-            let led = hub.is_reached_by(&blade.ray) && lead(mask, &mut ribbons[blade.ribbon], blade, &hub);
+            let ribbon = &mut ribbons[blade.ribbon];
+            let led = hub.is_reached_by(&blade.ray)
+                && match &ground {
+                    Ground::Lowest(_) => lead(mask, ribbon, blade, &hub),
+                    Ground::Hand(from_hand) => lead_into_hand(mask, ribbon, blade, &hub, from_hand),
+                };
             !led && blade.leads_to(hub.at) == 0.0
         });
     }
+}
+
+/// What blades can grow from.
+enum Ground {
+    /// The lower end of what is connected: how far down it reaches from each pixel, pixels.
+    Lowest(Vec<f32>),
+    /// A hand: how far each pixel is from one, twelfths of a pixel.
+    Hand(Vec<u32>),
+}
+
+impl Ground {
+    fn has(&self, mask: &Mask, point: Vec2, bottom: impl Fn(Vec2) -> Option<Vec2>, down: Vec2) -> bool {
+        match self {
+            Self::Lowest(lowest) => {
+                let bottom = bottom(point).filter(|bottom| bottom.distance(point) < 25.0);
+                let index = bottom.and_then(|bottom| mask.index_at(bottom));
+                index.is_some_and(|index| lowest[index] - point.dot(down) < 25.0)
+            }
+            Self::Hand(from_hand) => is_beside(mask, point, from_hand, 20),
+        }
+    }
+}
+
+/// Whether a point is in a hand or no farther from it than some pixels.
+fn is_beside(mask: &Mask, point: Vec2, from_hand: &[u32], px: u32) -> bool {
+    let [x0, y0, x1, y1] = mask.seen.map(|edge| edge as f32);
+    let seen = point.x >= x0 && point.y >= y0 && point.x < x1 - 1.0 && point.y < y1 - 1.0;
+    seen && mask.index_at(point).is_some_and(|index| from_hand[index] <= 12 * px)
+}
+
+/// Leads one ribbon towards where a hand grips it, if it does not end at the hand already; whether the
+/// hand holds it.
+fn lead_into_hand(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub, from_hand: &[u32]) -> bool {
+    if ribbon.unsure == 0 && is_beside(mask, ribbon.sections[0].expected.mid, from_hand, 5) {
+        return true;
+    }
+    let before = ribbon.clone();
+    if !lead(mask, ribbon, blade, hub) {
+        return false;
+    }
+    let in_hand =
+        |section: &Section| mask.index_at(section.expected.mid).is_some_and(|index| mask.hand[index]);
+    let gripped = ribbon.sections.iter().rposition(in_hand).map_or(0, |last| last + 1);
+    if gripped + 8 > ribbon.sections.len() {
+        *ribbon = before;
+        return false;
+    }
+    ribbon.sections.drain(..gripped);
+    true
 }
 
 /// For each pixel how far down what is connected to it reaches, pixels; shadows without readings
@@ -99,7 +156,7 @@ impl Hub {
 }
 
 /// The base that most blades lead to.
-fn hub(mask: &Mask, blades: &[Blade], lowest: &[f32], down: Vec2) -> Option<Hub> {
+fn hub(mask: &Mask, blades: &[Blade], ground: &Ground, down: Vec2) -> Option<Hub> {
     let inside = |point: Vec2| mask.index_at(point).is_some_and(|index| mask.blobs.of[index] != 0);
     // The lower end of what is seen below a point, or a little above it.
     let bottom = |point: Vec2| {
@@ -107,11 +164,6 @@ fn hub(mask: &Mask, blades: &[Blade], lowest: &[f32], down: Vec2) -> Option<Hub>
         let first = (-25..=0).rev().find(|k| inside(at(*k)))?;
         let last = (first..40).take_while(|k| (0..=3).any(|gap| inside(at(k + gap)))).last()?;
         Some(at(last))
-    };
-    let is_low = |point: Vec2| {
-        let bottom = bottom(point).filter(|bottom| bottom.distance(point) < 25.0);
-        let index = bottom.and_then(|bottom| mask.index_at(bottom));
-        index.is_some_and(|index| lowest[index] - point.dot(down) < 25.0)
     };
     let mut best: Option<(f32, Vec2)> = None;
     for (i, a) in blades.iter().enumerate() {
@@ -123,7 +175,10 @@ fn hub(mask: &Mask, blades: &[Blade], lowest: &[f32], down: Vec2) -> Option<Hub>
             }
             let point = a.from + a.along * ((b.from - a.from).perp_dot(b.along) / turn);
             let support = support(blades, point).map_or(0.0, |(support, _)| support);
-            if support > LEAST_SUPPORT && best.is_none_or(|(most, _)| support > most) && is_low(point) {
+            if support > LEAST_SUPPORT
+                && best.is_none_or(|(most, _)| support > most)
+                && ground.has(mask, point, bottom, down)
+            {
                 best = Some((support, point));
             }
         }
@@ -147,6 +202,9 @@ fn hub(mask: &Mask, blades: &[Blade], lowest: &[f32], down: Vec2) -> Option<Hub>
         at = matrix.inverse() * vector;
     }
     let (_, depth_m) = support(blades, at).filter(|(support, _)| *support > LEAST_SUPPORT)?;
+    if let Ground::Hand(_) = ground {
+        return ground.has(mask, at, bottom, down).then_some(Hub { at, depth_m });
+    }
     // Roots end across the blades, some lower than others.
     Some(Hub { at: at + down * ((bottom(at)? - at).dot(down) - 2.5), depth_m })
 }
