@@ -60,7 +60,8 @@ pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool>
             both[index] = decided[pieces[index] as usize] == Verdict::Both;
         }
         // Held against the palm, a blade is of one piece with the hand: only thickness tells them apart.
-        let depth_in = chamfer(mask, |index| view.inside(index) && !both[index] && bodies[index] == 0);
+        let is_blade = |index: usize| pieces[index] != 0 && decided[pieces[index] as usize] == Verdict::Blade;
+        let depth_in = chamfer(mask, |index| view.inside(index) && (bodies[index] == 0 || is_blade(index)));
         let core = |index: usize| {
             both[index] && depth_in[index] as f32 >= 12.0 * params.min_radius_m * view.px_per_m(index)
         };
@@ -80,7 +81,18 @@ pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool>
             verdict => verdict == Verdict::Hand,
         };
     }
+    drop_crumbs(mask, &mut hand);
     hand
+}
+
+/// Leaves the large parts of a hand: what is left over between blades is none.
+fn drop_crumbs(mask: &Mask, hand: &mut [bool]) {
+    const SHARE: f32 = 0.05;
+    let parts = mask::components(mask, |index| hand[index], |_, _| true);
+    let largest = parts.iter().map(Vec::len).max().unwrap_or(0);
+    for part in parts.iter().filter(|part| (part.len() as f32) < SHARE * largest as f32) {
+        part.iter().for_each(|index| hand[*index as usize] = false);
+    }
 }
 
 /// What a piece is.

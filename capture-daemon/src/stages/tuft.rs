@@ -56,6 +56,14 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
             !led && blade.leads_to(hub.at) == 0.0
         });
     }
+    if let Ground::Hand(from_hand) = &ground {
+        // Those that lead to no common grip are gripped where they lead to.
+        for blade in &blades {
+            if let Some(hub) = blade.grip(mask) {
+                lead_into_hand(mask, &mut ribbons[blade.ribbon], blade, &hub, from_hand);
+            }
+        }
+    }
 }
 
 /// What blades can grow from.
@@ -136,6 +144,17 @@ impl Blade {
             return 0.0;
         }
         1.0 - (aside / limit).powi(2)
+    }
+
+    /// Where it runs into a hand, straight on.
+    fn grip(&self, mask: &Mask) -> Option<Hub> {
+        const DEEP_PX: f32 = 10.0;
+        let ray = &self.ray;
+        let farthest = (1.5 * ray.length as f32) as usize;
+        let in_hand = |at: &Vec2| mask.index_at(*at).is_some_and(|index| mask.hand[index]);
+        let first = (1..farthest).map(|k| ray.from + ray.along * k as f32).find(in_hand)?;
+        let at = first + ray.along * DEEP_PX;
+        Some(Hub { at, depth_m: ray.depth_at(at) })
     }
 
     fn is_echoed_by(&self, other: &Blade) -> bool {
