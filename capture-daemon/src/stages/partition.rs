@@ -125,8 +125,7 @@ fn walk(
     if grip.len() >= MIN_BORDER_PX {
         return Some(walk(&grip));
     }
-    let border = blob.longest_border_run(mask.region);
-    if border.len() >= MIN_BORDER_PX {
+    if let Some(border) = blob.border(mask.region) {
         return Some(walk(&border));
     }
     let lowest = blob.lowest(params.down)?;
@@ -320,8 +319,26 @@ impl Blob {
         if self.height_below(one, down) > self.height_below(other, down) { one } else { other }
     }
 
-    /// The longest connected run of pixels along the border of the region.
-    fn longest_border_run(&self, region: [usize; 4]) -> Vec<usize> {
+    /// Where the blob leaves the region: the run of pixels along the border that is nearest to all of it
+    /// within it. A leaf that droops out of the picture is farther from the others than their stem.
+    fn border(&self, region: [usize; 4]) -> Option<Vec<usize>> {
+        const MOST: usize = 8;
+        let mut runs = self.border_runs(region);
+        runs.retain(|run| run.len() >= MIN_BORDER_PX);
+        runs.sort_by_key(|run| (Reverse(run.len()), run.iter().min().copied()));
+        runs.truncate(MOST);
+        if runs.len() < 2 {
+            return runs.pop();
+        }
+        let total = |run: &Vec<usize>| {
+            let distance = distances(&self.body, self.width, run);
+            distance.into_iter().filter(|it| *it != u32::MAX).map(u64::from).sum::<u64>()
+        };
+        runs.into_iter().min_by_key(total)
+    }
+
+    /// The connected runs of pixels along the border of the region.
+    fn border_runs(&self, region: [usize; 4]) -> Vec<Vec<usize>> {
         let [x0, y0, ..] = self.bounds;
         let on_border = |index: &usize| {
             let (x, y) = (x0 + index % self.width, y0 + index / self.width);
@@ -334,7 +351,7 @@ impl Blob {
         };
         let mut left: Vec<usize> =
             (0..self.body.len()).filter(|index| self.body[*index]).filter(on_border).collect();
-        let mut longest = Vec::new();
+        let mut runs = Vec::new();
         while let Some(first) = left.pop() {
             let mut run = vec![first];
             let mut next = 0;
@@ -343,11 +360,9 @@ impl Blob {
                 next += 1;
                 run.extend(left.extract_if(.., |other| touches(at, *other)));
             }
-            if run.len() > longest.len() {
-                longest = run;
-            }
+            runs.push(run);
         }
-        longest
+        runs
     }
 }
 
