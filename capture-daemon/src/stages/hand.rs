@@ -10,6 +10,10 @@ pub struct HandParams {
     pub min_radius_m: f32,
     /// How far fingers stand out from what is that thick, metres.
     pub finger_m: f32,
+    /// How large what is that far from all its edges is at least, square metres.
+    pub min_core_m2: f32,
+    /// How far its sides stand back from its middle at least, metres.
+    pub min_relief_m: f32,
     /// What reaches farther out than this from what is thick is a blade, metres.
     pub blade_m: f32,
     /// Width, metres, that a forearm has at least where it leaves the picture.
@@ -18,7 +22,14 @@ pub struct HandParams {
 
 impl Default for HandParams {
     fn default() -> Self {
-        Self { min_radius_m: 0.021, finger_m: 0.010, blade_m: 0.035, min_border_m: 0.025 }
+        Self {
+            min_radius_m: 0.021,
+            finger_m: 0.010,
+            min_core_m2: 6.0e-4,
+            min_relief_m: 0.002,
+            blade_m: 0.035,
+            min_border_m: 0.025,
+        }
     }
 }
 
@@ -212,11 +223,42 @@ impl View<'_> {
             };
             let border_m: f32 =
                 part.iter().filter(on_border).map(|index| 1.0 / self.px_per_m(*index as usize)).sum();
-            if border_m >= params.min_border_m {
+            let round = border_m >= params.min_border_m && {
+                let cores: Vec<usize> = part.iter().map(|it| *it as usize).filter(|it| core(*it)).collect();
+                let core_m2: f32 = cores.iter().map(|index| self.px_per_m(*index).powi(-2)).sum();
+                core_m2 >= params.min_core_m2
+                    && self.relief_m(&cores, &depth_in, bodies) >= params.min_relief_m
+            };
+            if round {
                 part.iter().for_each(|index| thick[*index as usize] = true);
             }
         }
         thick
+    }
+
+    /// How far what lies around the middle of something stands back from it, metres: of a forearm a fifth
+    /// of its radius, of a leaf, however broad, next to nothing. Median over some of its `cores`.
+    fn relief_m(&self, cores: &[usize], depth_in: &[u32], bodies: &[u16]) -> f32 {
+        const SAMPLES: usize = 400;
+        /// Of the way to its edge.
+        const SHARE: f32 = 0.85;
+        let mask = self.mask;
+        let relief = |index: usize| {
+            let reach = SHARE * depth_in[index] as f32 / 12.0;
+            let around =
+                [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)].map(|(x, y)| {
+                    let direction = glam::Vec2::new(x as f32, y as f32).normalize();
+                    let other = mask.index_at(mask.pixel(index) + direction * reach);
+                    let same = other.filter(|other| self.inside(*other) && bodies[*other] == bodies[index]);
+                    // Beyond the border it goes on as it is.
+                    same.map_or(mask.depth_m[index], |other| mask.depth_m[other])
+                });
+            around.iter().sum::<f32>() / 8.0 - mask.depth_m[index]
+        };
+        let step = cores.len().div_ceil(SAMPLES).max(1);
+        let mut reliefs: Vec<f32> = cores.iter().step_by(step).map(|index| relief(*index)).collect();
+        reliefs.sort_by(f32::total_cmp);
+        reliefs.get(reliefs.len() / 2).copied().unwrap_or(0.0)
     }
 }
 
