@@ -126,11 +126,36 @@ fn walk(
         return Some(walk(&grip));
     }
     if let Some(border) = blob.border(mask.region) {
-        return Some(walk(&border));
+        let stem = towards_stem(mask, &blob, &border);
+        return Some(walk(&stem.map_or(border, |nearest| vec![nearest])));
     }
     let lowest = blob.lowest(params.down)?;
     let single = walk(&[blob.lower_end(lowest, params.down)]);
     Some(if single.0.tips.len() > 1 { walk(&[lowest]) } else { single })
+}
+
+/// Of a piece that leaves the region elsewhere than the blob that it is a part of: the pixel nearest to
+/// where the blob does. `None` for all others.
+fn towards_stem(mask: &Mask, piece: &Blob, border: &[usize]) -> Option<usize> {
+    let in_image = |blob: &Blob, index: usize| {
+        (blob.bounds[1] + index / blob.width) * mask.width + blob.bounds[0] + index % blob.width
+    };
+    let label = mask.blobs.of[in_image(piece, *border.first()?)];
+    let whole = Blob::of(mask, &mask.blobs, label)?;
+    let root = whole.border(mask.region)?;
+    let of_root: Vec<usize> = root.iter().map(|index| in_image(&whole, *index)).collect();
+    if border.iter().any(|index| of_root.contains(&in_image(piece, *index))) {
+        return None;
+    }
+    let distance = distances(&whole.body, whole.width, &root);
+    let to_root = |index: usize| {
+        let (x, y) = (piece.bounds[0] + index % piece.width, piece.bounds[1] + index / piece.width);
+        let inside =
+            x >= whole.bounds[0] && y >= whole.bounds[1] && x < whole.bounds[2] && y < whole.bounds[3];
+        if inside { distance[(y - whole.bounds[1]) * whole.width + x - whole.bounds[0]] } else { u32::MAX }
+    };
+    let body = (0..piece.body.len()).filter(|index| piece.body[*index]);
+    body.min_by_key(|index| to_root(*index)).filter(|index| to_root(*index) != u32::MAX)
 }
 
 /// Moves the outer of the two gaps of a blade to where the cut from the inner one is shortest.
