@@ -264,6 +264,7 @@ mod tests {
             tip_blunt: 0.0,
             edges_seen: 1.0,
             hidden: 0.0,
+            led: 0.0,
             steepness: 0.0,
         };
         (lifted, evidence)

@@ -13,7 +13,7 @@ use super::ribbon::{End, Ribbon};
 use super::section::Middle;
 
 /// Numbers that an error is told from.
-pub const FEATURES: usize = 14;
+pub const FEATURES: usize = 15;
 /// Their names, in order.
 pub const FEATURE_NAMES: [&str; FEATURES] = [
     "one",
@@ -29,6 +29,7 @@ pub const FEATURE_NAMES: [&str; FEATURES] = [
     "tip blunt",
     "share without both edges",
     "share hidden or not seen",
+    "share led to its base",
     "steepness",
 ];
 
@@ -57,6 +58,8 @@ pub struct Evidence {
     pub edges_seen: f32,
     /// Share of its cross-sections whose middle is behind something or without a reading, 0..=1.
     pub hidden: f32,
+    /// Share of its cross-sections that lie where it must pass rather than where it was seen, 0..=1.
+    pub led: f32,
     /// Metres of midrib over metres across the picture, less one; ≥ 0 but for rounding.
     pub steepness: f32,
 }
@@ -85,6 +88,7 @@ impl Evidence {
             tip_blunt: blunt(lifted.knots_in_camera.last()),
             edges_seen: ribbon.sections.iter().filter(both).count() as f32 / sections,
             hidden: ribbon.sections.iter().filter(hidden).count() as f32 / sections,
+            led: ribbon.sections.iter().filter(|s| s.guide_px.is_some()).count() as f32 / sections,
             steepness: lifted.length_m / in_picture_m - 1.0,
         }
     }
@@ -107,6 +111,7 @@ impl Evidence {
             self.tip_blunt,
             1.0 - self.edges_seen,
             self.hidden,
+            self.led,
             self.steepness.clamp(0.0, 2.0),
         ]
     }
@@ -125,37 +130,38 @@ impl Evidence {
     }
 }
 
-// Printed by `cargo run --release -p capture-daemon --example calibrate 120`, before the depth noise that is
-// looked at was bounded to 0.3 to 2 times its usual value (it was 0.1 to 30).
+// Printed by `cargo run --release -p capture-daemon --example calibrate 60`.
 const LENGTH: [f32; FEATURES] = [
-    -5.767, // one
-    0.602,  // ln metres per pixel
-    0.225,  // ln pixels across
-    0.034,  // ln pixels long
-    0.152,  // ln frames
-    0.817,  // ln depth noise over its usual value
-    2.558,  // root shared
-    1.435,  // root lost
-    2.730,  // tip shared or lost
-    0.227,  // root blunt
-    1.436,  // tip blunt
-    2.197,  // share without both edges
-    2.826,  // share hidden or not seen
-    0.800,  // steepness
+    -6.047, // one
+    0.604,  // ln metres per pixel
+    0.195,  // ln pixels across
+    -0.235, // ln pixels long
+    -0.125, // ln frames
+    0.171,  // ln depth noise over its usual value
+    0.419,  // root shared
+    -1.098, // root lost
+    0.000,  // tip shared or lost
+    0.026,  // root blunt
+    2.583,  // tip blunt
+    2.572,  // share without both edges
+    1.602,  // share hidden or not seen
+    -3.003, // share led to its base
+    0.805,  // steepness
 ];
 const WIDTH: [f32; FEATURES] = [
-    -8.000, // one
-    0.394,  // ln metres per pixel
-    0.567,  // ln pixels across
-    -0.244, // ln pixels long
-    0.459,  // ln frames
-    2.057,  // ln depth noise over its usual value
-    0.805,  // root shared
-    -0.258, // root lost
-    -1.750, // tip shared or lost
-    0.392,  // root blunt
-    0.463,  // tip blunt
-    6.843,  // share without both edges
-    -4.472, // share hidden or not seen
-    0.248,  // steepness
+    -7.559, // one
+    1.216,  // ln metres per pixel
+    -0.436, // ln pixels across
+    0.582,  // ln pixels long
+    0.376,  // ln frames
+    1.900,  // ln depth noise over its usual value
+    0.532,  // root shared
+    -2.553, // root lost
+    0.000,  // tip shared or lost
+    -0.512, // root blunt
+    -0.135, // tip blunt
+    6.932,  // share without both edges
+    -1.822, // share hidden or not seen
+    -2.879, // share led to its base
+    2.825,  // steepness
 ];
