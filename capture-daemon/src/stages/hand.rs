@@ -12,6 +12,10 @@ pub struct HandParams {
     pub finger_m: f32,
     /// How large what is that far from all its edges is at least, square metres.
     pub min_core_m2: f32,
+    /// Smaller pieces can be knuckles, square metres.
+    pub min_piece_m2: f32,
+    /// Most of a knuckle lies no farther from the rest of the hand, metres.
+    pub knuckle_m: f32,
     /// How far its sides stand back from its middle at least, metres.
     pub min_relief_m: f32,
     /// What reaches farther out than this from what is thick is a blade, metres.
@@ -26,6 +30,8 @@ impl Default for HandParams {
             min_radius_m: 0.021,
             finger_m: 0.010,
             min_core_m2: 6.0e-4,
+            min_piece_m2: 3.0e-4,
+            knuckle_m: 0.006,
             min_relief_m: 0.002,
             blade_m: 0.035,
             min_border_m: 0.025,
@@ -43,28 +49,59 @@ pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool>
     let mut hand = vec![false; mask.depth_m.len()];
     let view = View { mask, focal_px };
     let bodies = view.bodies();
-    let thick = view.thick(&bodies, params);
+    let Thick { thick, core, depth_in } = view.thick(&bodies, params);
     if !thick.contains(&true) {
         return hand;
     }
     let from_thick = chamfer(mask, |index| thick[index]);
     let beside = |index: usize, metres: f32| from_thick[index] as f32 <= 12.0 * metres * view.px_per_m(index);
     let (pieces, count) = view.parted_pieces();
-    // Of each piece: its pixels, those near to what is thick, and whether one is far off.
-    let mut seen = vec![(0_u32, 0_u32, false); count + 1];
+    // Of each piece: its pixels, their area, those near to what is thick, and whether one is far off.
+    let mut seen = vec![Seen::default(); count + 1];
     for index in view.pixels() {
-        let (all, near, long) = &mut seen[pieces[index] as usize];
-        *all += 1;
-        *near += u32::from(beside(index, params.finger_m));
-        *long |= !beside(index, params.blade_m);
+        let piece = &mut seen[pieces[index] as usize];
+        piece.pixels += 1;
+        piece.area_m2 += view.px_per_m(index).powi(-2);
+        piece.near += u32::from(beside(index, params.finger_m));
+        piece.long |= !beside(index, params.blade_m);
+        if core[index] && thick[index] {
+            piece.cores.push(index);
+        }
     }
-    let verdict = |(all, near, long): (u32, u32, bool)| match (near as f32 > MOSTLY * all as f32, long) {
-        (false, _) => Verdict::Blade,
-        (true, false) => Verdict::Hand,
-        (true, true) => Verdict::Both,
+    let verdict = |piece: &Seen| {
+        let mostly = piece.near as f32 > MOSTLY * piece.pixels as f32;
+        let core_m2: f32 = piece.cores.iter().map(|index| view.px_per_m(*index).powi(-2)).sum();
+        // A fist that many blades are of one piece with is round all the same.
+        let fist = || {
+            core_m2 >= params.min_core_m2
+                && view.relief_m(&piece.cores, &depth_in, &bodies) >= params.min_relief_m
+        };
+        match (mostly, piece.long) {
+            (true, false) => Verdict::Hand,
+            (true, true) => Verdict::Both,
+            (false, _) if fist() => Verdict::Both,
+            (false, _) => Verdict::Blade,
+        }
     };
-    let mut decided: Vec<Verdict> = seen.into_iter().map(verdict).collect();
+    let mut decided: Vec<Verdict> = seen.iter().map(verdict).collect();
     decided[0] = Verdict::Blade;
+    // A small piece beside a hand can be a knuckle, or the base of a blade between two others.
+    let small = |label: u32| seen[label as usize].area_m2 < params.min_piece_m2;
+    let of_hand = |index: usize| {
+        let label = pieces[index];
+        label != 0 && !small(label) && decided[label as usize] != Verdict::Blade
+    };
+    let from_hand = chamfer(mask, of_hand);
+    let mut close = vec![0_u32; count + 1];
+    for index in view.pixels() {
+        let reach = 12.0 * params.knuckle_m * view.px_per_m(index);
+        close[pieces[index] as usize] += u32::from(from_hand[index] as f32 <= reach);
+    }
+    for label in (1..=count).filter(|label| small(*label as u32)) {
+        if 2 * close[label] < seen[label].pixels {
+            decided[label] = Verdict::Blade;
+        }
+    }
     let mut both = vec![false; hand.len()];
     if decided.contains(&Verdict::Both) {
         for index in view.pixels() {
@@ -104,6 +141,29 @@ fn drop_crumbs(mask: &Mask, hand: &mut [bool]) {
     for part in parts.iter().filter(|part| (part.len() as f32) < SHARE * largest as f32) {
         part.iter().for_each(|index| hand[*index as usize] = false);
     }
+}
+
+/// A piece, as far as it tells what it is.
+#[derive(Clone, Default)]
+struct Seen {
+    pixels: u32,
+    area_m2: f32,
+    /// Pixels in and beside what is thick.
+    near: u32,
+    /// Whether one is far from all that is thick.
+    long: bool,
+    /// Pixels far from all edges of the body.
+    cores: Vec<usize>,
+}
+
+/// What is thick.
+struct Thick {
+    /// What is thick and goes on thick to the border of the region.
+    thick: Vec<bool>,
+    /// What is far from the edges of its body.
+    core: Vec<bool>,
+    /// How far each pixel is from the edges of its body, twelfths of a pixel.
+    depth_in: Vec<u32>,
 }
 
 /// What a piece is.
@@ -192,7 +252,7 @@ impl View<'_> {
     }
 
     /// What is thick, and goes on thick to the border of the region.
-    fn thick(&self, bodies: &[u16], params: &HandParams) -> Vec<bool> {
+    fn thick(&self, bodies: &[u16], params: &HandParams) -> Thick {
         let mask = self.mask;
         // A body goes on beyond the border as far as we know.
         let outside = |index: usize| {
@@ -201,16 +261,16 @@ impl View<'_> {
                 && (body == 0 || self.around(index).any(|other| bodies[other] != 0 && bodies[other] != body))
         };
         let depth_in = chamfer(mask, outside);
-        let core = |index: usize| {
-            bodies[index] != 0
-                && self.inside(index)
-                && depth_in[index] as f32 >= 12.0 * params.min_radius_m * self.px_per_m(index)
-        };
-        let mut thick = vec![false; bodies.len()];
-        if !self.pixels().any(core) {
-            return thick;
+        let (mut core, mut thick) = (vec![false; bodies.len()], vec![false; bodies.len()]);
+        let mut any = false;
+        for index in self.pixels().filter(|index| bodies[*index] != 0) {
+            core[index] = depth_in[index] as f32 >= 12.0 * params.min_radius_m * self.px_per_m(index);
+            any |= core[index];
         }
-        let from_core = chamfer(mask, core);
+        if !any {
+            return Thick { thick, core, depth_in };
+        }
+        let from_core = chamfer(mask, |index| core[index]);
         let admits = |index: usize| {
             bodies[index] != 0 && from_core[index] as f32 <= 12.0 * params.min_radius_m * self.px_per_m(index)
         };
@@ -224,7 +284,7 @@ impl View<'_> {
             let border_m: f32 =
                 part.iter().filter(on_border).map(|index| 1.0 / self.px_per_m(*index as usize)).sum();
             let round = border_m >= params.min_border_m && {
-                let cores: Vec<usize> = part.iter().map(|it| *it as usize).filter(|it| core(*it)).collect();
+                let cores: Vec<usize> = part.iter().map(|it| *it as usize).filter(|it| core[*it]).collect();
                 let core_m2: f32 = cores.iter().map(|index| self.px_per_m(*index).powi(-2)).sum();
                 core_m2 >= params.min_core_m2
                     && self.relief_m(&cores, &depth_in, bodies) >= params.min_relief_m
@@ -233,7 +293,7 @@ impl View<'_> {
                 part.iter().for_each(|index| thick[*index as usize] = true);
             }
         }
-        thick
+        Thick { thick, core, depth_in }
     }
 
     /// How far what lies around the middle of something stands back from it, metres: of a forearm a fifth
