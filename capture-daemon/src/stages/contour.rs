@@ -66,10 +66,16 @@ impl Grid<'_> {
     /// For each edge the next one along the border; `u32::MAX` where the border does not pass.
     fn links(&self) -> Vec<u32> {
         let mut next = vec![u32::MAX; 2 * self.columns * self.rows];
+        let inside = |row: usize| (0..self.columns).map(move |column| self.value(column, row) >= LEVEL);
+        let mut upper: Vec<bool>;
+        let mut lower: Vec<bool> = inside(0).collect();
         for row in 0..self.rows - 1 {
+            (upper, lower) = (lower, inside(row + 1).collect());
             for column in 0..self.columns - 1 {
-                let inside = |dx, dy| self.value(column + dx, row + dy) >= LEVEL;
-                let case = [inside(0, 0), inside(1, 0), inside(1, 1), inside(0, 1)];
+                let case = [upper[column], upper[column + 1], lower[column + 1], lower[column]];
+                if case == [false; 4] {
+                    continue;
+                }
                 let top = self.edge(column, row, false);
                 let bottom = self.edge(column, row + 1, false);
                 let left = self.edge(column, row, true);
