@@ -63,14 +63,30 @@ impl Grid<'_> {
         start + if down == 1 { Vec2::Y } else { Vec2::X } * t.clamp(0.0, 1.0)
     }
 
+    /// Which nodes of a row lie within the border.
+    fn find_inside(&self, row: usize, inside: &mut [bool]) {
+        inside.fill(false);
+        // The margin is outside of the blob's bounding box, and may be outside of the image.
+        if row == 0 || row + 1 == self.rows {
+            return;
+        }
+        let start =
+            (self.origin[1] + row as isize) as usize * self.mask.width + (self.origin[0] + 1) as usize;
+        let pixels = start..start + self.columns - 2;
+        let (of, occupancy) = (&self.labels.of[pixels.clone()], &self.mask.occupancy[pixels]);
+        for ((inside, label), occupancy) in inside[1..].iter_mut().zip(of).zip(occupancy) {
+            *inside = *label == self.label && *occupancy >= LEVEL;
+        }
+    }
+
     /// For each edge the next one along the border; `u32::MAX` where the border does not pass.
     fn links(&self) -> Vec<u32> {
         let mut next = vec![u32::MAX; 2 * self.columns * self.rows];
-        let inside = |row: usize| (0..self.columns).map(move |column| self.value(column, row) >= LEVEL);
-        let mut upper: Vec<bool>;
-        let mut lower: Vec<bool> = inside(0).collect();
+        let mut upper = vec![false; self.columns];
+        let mut lower = upper.clone();
         for row in 0..self.rows - 1 {
-            (upper, lower) = (lower, inside(row + 1).collect());
+            std::mem::swap(&mut upper, &mut lower);
+            self.find_inside(row + 1, &mut lower);
             for column in 0..self.columns - 1 {
                 let case = [upper[column], upper[column + 1], lower[column + 1], lower[column]];
                 if case == [false; 4] {

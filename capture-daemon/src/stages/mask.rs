@@ -230,7 +230,7 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         blobs: Labels::none(width * height),
         pieces: Labels::none(width * height),
     };
-    for index in mask.pixels_seen() {
+    for index in mask.pixels_seen().filter(|index| accumulation.hits[*index] > 0) {
         mask.occupancy[index] = f32::from(accumulation.hits[index]) / frames;
         mask.depth_m[index] = accumulation.mean_m(index);
     }

@@ -395,38 +395,51 @@ impl Blob {
 fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32> {
     // No step is longer than 17, so that 18 buckets in a circle keep what is next apart (Dial 1969).
     const BUCKETS: usize = 18;
-    let height = body.len() / width;
-    let mut distance = vec![u32::MAX; body.len()];
-    let mut buckets: [Vec<usize>; BUCKETS] = Default::default();
-    for seed in seeds {
-        distance[*seed] = 0;
-        buckets[0].push(*seed);
+    // A margin all around spares the question whether a neighbour is within. Nothing is shorter than 0:
+    // what is not of the body is never reached.
+    let padded = width + 2;
+    let at = |index: usize| (index / width + 1) * padded + index % width + 1;
+    let mut distance = vec![0; (body.len() / width + 2) * padded];
+    for (row, body) in distance[padded..].chunks_mut(padded).zip(body.chunks(width)) {
+        row[1..]
+            .iter_mut()
+            .zip(body)
+            .for_each(|(distance, body)| *distance = if *body { u32::MAX } else { 0 });
     }
-    let mut so_far = 0;
+    let around = [(padded + 1, 17), (padded, 12), (padded - 1, 17), (1, 12)];
+    let mut buckets: [Vec<u32>; BUCKETS] = Default::default();
+    for seed in seeds {
+        distance[at(*seed)] = 0;
+        buckets[0].push(at(*seed) as u32);
+    }
+    let (mut so_far, mut turn) = (0, 0);
     let mut empty = 0;
     while empty < BUCKETS {
-        let mut bucket = std::mem::take(&mut buckets[so_far as usize % BUCKETS]);
+        let mut bucket = std::mem::take(&mut buckets[turn]);
         empty = if bucket.is_empty() { empty + 1 } else { 0 };
-        for index in bucket.drain(..) {
+        for index in bucket.drain(..).map(|index| index as usize) {
             if distance[index] != so_far {
                 continue;
             }
-            let (x, y) = (index % width, index / width);
-            for v in y.saturating_sub(1)..(y + 2).min(height) {
-                for u in x.saturating_sub(1)..(x + 2).min(width) {
-                    let other = v * width + u;
-                    let reached = so_far + if u != x && v != y { 17 } else { 12 };
-                    if body[other] && reached < distance[other] {
+            for (offset, step) in around {
+                let reached = so_far + step;
+                for other in [index - offset, index + offset] {
+                    if reached < distance[other] {
                         distance[other] = reached;
-                        buckets[reached as usize % BUCKETS].push(other);
+                        buckets[(turn + step as usize) % BUCKETS].push(other as u32);
                     }
                 }
             }
         }
-        buckets[so_far as usize % BUCKETS] = bucket;
+        buckets[turn] = bucket;
         so_far += 1;
+        turn = (turn + 1) % BUCKETS;
     }
-    distance
+    let rows = distance[padded..].chunks(padded).zip(body.chunks(width));
+    rows.flat_map(|(row, body)| {
+        row[1..].iter().zip(body).map(|(distance, body)| if *body { *distance } else { u32::MAX })
+    })
+    .collect()
 }
 
 #[cfg(test)]
