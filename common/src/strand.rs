@@ -128,8 +128,9 @@ impl Strand {
     fn restore_lengths_exactly(&mut self) {
         for i in 1..self.rest_lengths.len() {
             let edge = self.positions[i + 1] - self.positions[i];
-            let direction =
-                edge.normalize_or(self.positions[i] - self.positions[i - 1]).normalize_or(Vec3::Y);
+            let direction = edge
+                .try_normalize()
+                .unwrap_or_else(|| (self.positions[i] - self.positions[i - 1]).normalize_or(Vec3::Y));
             self.positions[i + 1] = self.positions[i] + direction * self.rest_lengths[i];
         }
     }

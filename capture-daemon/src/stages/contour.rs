@@ -79,17 +79,19 @@ impl Grid<'_> {
         }
     }
 
-    /// For each edge the next one along the border; `u32::MAX` where the border does not pass.
-    fn links(&self) -> Vec<u32> {
+    /// For each edge the next one along the border, `u32::MAX` where the border does not pass; and the edges
+    /// where it does, ascending.
+    fn links(&self) -> (Vec<u32>, Vec<u32>) {
         let mut next = vec![u32::MAX; 2 * self.columns * self.rows];
         let mut upper = vec![false; self.columns];
         let mut lower = upper.clone();
+        let mut passed = Vec::new();
         for row in 0..self.rows - 1 {
             std::mem::swap(&mut upper, &mut lower);
             self.find_inside(row + 1, &mut lower);
             for column in 0..self.columns - 1 {
                 let case = [upper[column], upper[column + 1], lower[column + 1], lower[column]];
-                if case == [false; 4] {
+                if case == [false; 4] || case == [true; 4] {
                     continue;
                 }
                 let top = self.edge(column, row, false);
@@ -98,7 +100,10 @@ impl Grid<'_> {
                 let right = self.edge(column + 1, row, true);
                 // From an edge where the border enters the cell to where it leaves, inside to its
                 // right. Corners in the order upper left, upper right, lower right, lower left.
-                let mut link = |from: usize, to: usize| next[from] = to as u32;
+                let mut link = |from: usize, to: usize| {
+                    next[from] = to as u32;
+                    passed.push(from as u32);
+                };
                 match case {
                     [true, true, true, true] | [false, false, false, false] => {}
                     [true, false, false, false] => link(top, left),
@@ -124,7 +129,8 @@ impl Grid<'_> {
                 }
             }
         }
-        next
+        passed.sort_unstable();
+        (next, passed)
     }
 }
 
@@ -138,11 +144,11 @@ fn outer_border(mask: &Mask, labels: &Labels, region: &Region) -> Option<Outline
         columns: x1 - x0 + 2,
         rows: y1 - y0 + 2,
     };
-    let mut next = grid.links();
+    let (mut next, passed) = grid.links();
     let mut longest: Option<(f32, Vec<Vec2>)> = None;
-    for start in 0..next.len() {
+    for start in passed {
         let mut points = Vec::new();
-        let mut edge = start;
+        let mut edge = start as usize;
         while next[edge] != u32::MAX {
             points.push(grid.crossing(edge));
             edge = std::mem::replace(&mut next[edge], u32::MAX) as usize;

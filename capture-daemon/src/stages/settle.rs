@@ -118,21 +118,23 @@ fn slopes(sections: &[Section]) -> Vec<f32> {
             (-0.5 * away * away).exp()
         })
         .collect();
+    let moments: Vec<[f32; 2]> = sections
+        .iter()
+        .map(|Section { expected, measured, guide_px, .. }| {
+            let [moment, square] = measured.slope_moments;
+            // The moments are those of what was left over the slope expected then.
+            if guide_px.is_some() { [0.0; 2] } else { [moment + expected.slope_m * square, square] }
+        })
+        .collect();
     let mut slopes: Vec<f32> = (0..sections.len())
         .map(|i| {
-            let (mut ta, mut tt) = (0.0, RIDGE);
             let first = i.saturating_sub(half);
-            let window = &sections[first..(i + half + 1).min(sections.len())];
-            for (k, Section { expected, measured, guide_px, .. }) in window.iter().enumerate() {
-                if guide_px.is_some() {
-                    continue;
-                }
-                let weight = weights[i.abs_diff(first + k)];
-                let [moment, square] = measured.slope_moments;
-                // The moments are those of what was left over the slope expected then.
-                ta += weight * (moment + expected.slope_m * square);
-                tt += weight * square;
-            }
+            let window = &moments[first..(i + half + 1).min(moments.len())];
+            let away = |k: usize| i.abs_diff(first + k);
+            let [ta, tt] = window.iter().enumerate().fold([0.0, RIDGE], |[ta, tt], (k, [moment, square])| {
+                let weight = weights[away(k)];
+                [ta + weight * moment, tt + weight * square]
+            });
             ta / tt
         })
         .collect();
