@@ -55,7 +55,7 @@ impl Strand {
         let mut frame = root_frame;
         let mut rest_edges = Vec::with_capacity(edges);
         for i in 0..edges {
-            rest_edges.push(frame.mul_transpose_vec3(edge(i)));
+            rest_edges.push(frame.transpose_mul_vec3(edge(i)));
             turn_to(&mut frame, edge(i));
         }
         Self {
