@@ -200,12 +200,13 @@ impl View<'_> {
         let [left, top, right, bottom] = mask.seen;
         let row = |y: usize| (left..right).map(move |x| y * mask.width + x);
         let column = |x: usize| (top..bottom).map(move |y| y * mask.width + x);
-        let rows = [(y0, top == y0), (y1.saturating_sub(1), bottom == y1)].into_iter();
-        let columns = [(x0, left == x0), (x1.saturating_sub(1), right == x1)].into_iter();
+        let rows = [(y0, top == y0), (y1.saturating_sub(1), bottom == y1)];
+        let columns = [(x0, left == x0), (x1.saturating_sub(1), right == x1)];
         let border = rows
-            .filter_map(|(y, seen)| seen.then(|| row(y)))
-            .flatten()
-            .chain(columns.filter_map(|(x, seen)| seen.then(|| column(x))).flatten());
+            .into_iter()
+            .filter(|(_, seen)| *seen)
+            .flat_map(|(y, _)| row(y))
+            .chain(columns.into_iter().filter(|(_, seen)| *seen).flat_map(|(x, _)| column(x)));
         let bodies = border.filter(|index| mask.occupancy[*index] >= mask::BODY_OCCUPANCY);
         bodies.map(|index| 1.0 / self.px_per_m(index)).sum()
     }
