@@ -11,7 +11,7 @@
 //! of vertices; damping is per second; there is no global shape (grass stands by its own
 //! stiffness); lengths end with an exact pass from root to tip.
 
-use glam::{Quat, Vec3};
+use glam::{Mat3, Quat, Vec3};
 
 use crate::geometry::polyline;
 
@@ -42,7 +42,7 @@ pub struct Strand {
     /// Edge i in the frame of edge i − 1 (of the root frame for i = 0).
     rest_edges: Vec<Vec3>,
     rest_lengths: Vec<f32>,
-    root_frame: Quat,
+    root_frame: Mat3,
 }
 
 impl Strand {
@@ -51,12 +51,12 @@ impl Strand {
         let edge = |i: usize| rest[i + 1] - rest[i];
         let edges = rest.len() - 1;
         let root_frame = Quat::from_rotation_arc(Vec3::X, edge(0).normalize_or(Vec3::X));
+        let root_frame = Mat3::from_quat(root_frame);
         let mut frame = root_frame;
         let mut rest_edges = Vec::with_capacity(edges);
         for i in 0..edges {
-            let in_frame = frame.conjugate() * edge(i);
-            rest_edges.push(in_frame);
-            frame *= turn_to(in_frame);
+            rest_edges.push(frame.transpose_mul_vec3(edge(i)));
+            turn_to(&mut frame, edge(i));
         }
         Self {
             positions: rest.to_vec(),
@@ -102,7 +102,7 @@ impl Strand {
             if i >= 1 {
                 self.positions[i + 1] += pull;
             }
-            frame *= turn_to(frame.conjugate() * (self.positions[i + 1] - self.positions[i]));
+            turn_to(&mut frame, self.positions[i + 1] - self.positions[i]);
         }
     }
 
@@ -128,16 +128,29 @@ impl Strand {
     fn restore_lengths_exactly(&mut self) {
         for i in 1..self.rest_lengths.len() {
             let edge = self.positions[i + 1] - self.positions[i];
-            let direction =
-                edge.normalize_or(self.positions[i] - self.positions[i - 1]).normalize_or(Vec3::Y);
+            let direction = edge
+                .try_normalize()
+                .unwrap_or_else(|| (self.positions[i] - self.positions[i - 1]).normalize_or(Vec3::Y));
             self.positions[i + 1] = self.positions[i] + direction * self.rest_lengths[i];
         }
     }
 }
 
-/// The shortest turn from +x to `edge`.
-fn turn_to(edge: Vec3) -> Quat {
-    edge.try_normalize().map_or(Quat::IDENTITY, |direction| Quat::from_rotation_arc(Vec3::X, direction))
+/// Turns a frame of unit vectors by the shortest way such that its x axis points along `edge`.
+fn turn_to(frame: &mut Mat3, edge: Vec3) {
+    let length = edge.length();
+    if length < 1e-12 {
+        return;
+    }
+    let direction = edge * (1.0 / length);
+    let along = frame.x_axis;
+    // Half turns have no shortest way: this one keeps the y axis.
+    let beyond = length + along.dot(edge);
+    if beyond > 1e-6 * length {
+        frame.y_axis -= (along + direction) * (edge.dot(frame.y_axis) / beyond);
+    }
+    frame.x_axis = direction;
+    frame.z_axis = direction.cross(frame.y_axis);
 }
 
 /// A strand's vertices at successive moments: `frames[f][v]`.

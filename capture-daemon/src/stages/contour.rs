@@ -63,20 +63,47 @@ impl Grid<'_> {
         start + if down == 1 { Vec2::Y } else { Vec2::X } * t.clamp(0.0, 1.0)
     }
 
-    /// For each edge the next one along the border; `u32::MAX` where the border does not pass.
-    fn links(&self) -> Vec<u32> {
+    /// Which nodes of a row lie within the border.
+    fn find_inside(&self, row: usize, inside: &mut [bool]) {
+        inside.fill(false);
+        // The margin is outside of the blob's bounding box, and may be outside of the image.
+        if row == 0 || row + 1 == self.rows {
+            return;
+        }
+        let start =
+            (self.origin[1] + row as isize) as usize * self.mask.width + (self.origin[0] + 1) as usize;
+        let pixels = start..start + self.columns - 2;
+        let (of, occupancy) = (&self.labels.of[pixels.clone()], &self.mask.occupancy[pixels]);
+        for ((inside, label), occupancy) in inside[1..].iter_mut().zip(of).zip(occupancy) {
+            *inside = *label == self.label && *occupancy >= LEVEL;
+        }
+    }
+
+    /// For each edge the next one along the border, `u32::MAX` where the border does not pass; and the edges
+    /// where it does, ascending.
+    fn links(&self) -> (Vec<u32>, Vec<u32>) {
         let mut next = vec![u32::MAX; 2 * self.columns * self.rows];
+        let mut upper = vec![false; self.columns];
+        let mut lower = upper.clone();
+        let mut passed = Vec::new();
         for row in 0..self.rows - 1 {
+            std::mem::swap(&mut upper, &mut lower);
+            self.find_inside(row + 1, &mut lower);
             for column in 0..self.columns - 1 {
-                let inside = |dx, dy| self.value(column + dx, row + dy) >= LEVEL;
-                let case = [inside(0, 0), inside(1, 0), inside(1, 1), inside(0, 1)];
+                let case = [upper[column], upper[column + 1], lower[column + 1], lower[column]];
+                if case == [false; 4] || case == [true; 4] {
+                    continue;
+                }
                 let top = self.edge(column, row, false);
                 let bottom = self.edge(column, row + 1, false);
                 let left = self.edge(column, row, true);
                 let right = self.edge(column + 1, row, true);
                 // From an edge where the border enters the cell to where it leaves, inside to its
                 // right. Corners in the order upper left, upper right, lower right, lower left.
-                let mut link = |from: usize, to: usize| next[from] = to as u32;
+                let mut link = |from: usize, to: usize| {
+                    next[from] = to as u32;
+                    passed.push(from as u32);
+                };
                 match case {
                     [true, true, true, true] | [false, false, false, false] => {}
                     [true, false, false, false] => link(top, left),
@@ -102,7 +129,8 @@ impl Grid<'_> {
                 }
             }
         }
-        next
+        passed.sort_unstable();
+        (next, passed)
     }
 }
 
@@ -116,11 +144,11 @@ fn outer_border(mask: &Mask, labels: &Labels, region: &Region) -> Option<Outline
         columns: x1 - x0 + 2,
         rows: y1 - y0 + 2,
     };
-    let mut next = grid.links();
+    let (mut next, passed) = grid.links();
     let mut longest: Option<(f32, Vec<Vec2>)> = None;
-    for start in 0..next.len() {
+    for start in passed {
         let mut points = Vec::new();
-        let mut edge = start;
+        let mut edge = start as usize;
         while next[edge] != u32::MAX {
             points.push(grid.crossing(edge));
             edge = std::mem::replace(&mut next[edge], u32::MAX) as usize;

@@ -48,6 +48,9 @@ impl Default for HandParams {
 pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool> {
     let mut hand = vec![false; mask.depth_m.len()];
     let view = View { mask, focal_px };
+    if view.border_m() < params.min_border_m {
+        return hand;
+    }
     let bodies = view.bodies();
     let Thick { thick, core, depth_in } = view.thick(&bodies, params);
     if !thick.contains(&true) {
@@ -249,6 +252,23 @@ impl View<'_> {
             pixels.iter().for_each(|index| bodies[*index as usize] = label);
         }
         bodies
+    }
+
+    /// Width, metres, of all that is seen at the border of the region.
+    fn border_m(&self) -> f32 {
+        let (mask, [x0, y0, x1, y1]) = (self.mask, self.mask.region);
+        let [left, top, right, bottom] = mask.seen;
+        let row = |y: usize| (left..right).map(move |x| y * mask.width + x);
+        let column = |x: usize| (top..bottom).map(move |y| y * mask.width + x);
+        let rows = [(y0, top == y0), (y1.saturating_sub(1), bottom == y1)];
+        let columns = [(x0, left == x0), (x1.saturating_sub(1), right == x1)];
+        let border = rows
+            .into_iter()
+            .filter(|(_, seen)| *seen)
+            .flat_map(|(y, _)| row(y))
+            .chain(columns.into_iter().filter(|(_, seen)| *seen).flat_map(|(x, _)| column(x)));
+        let bodies = border.filter(|index| mask.occupancy[*index] >= mask::BODY_OCCUPANCY);
+        bodies.map(|index| 1.0 / self.px_per_m(index)).sum()
     }
 
     /// What is thick, and goes on thick to the border of the region.

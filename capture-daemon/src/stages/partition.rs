@@ -183,12 +183,18 @@ fn argmin(values: &[f32], range: std::ops::Range<usize>) -> usize {
 
 /// Circular Gaussian smoothing, σ = 1.5 samples.
 fn smoothed(values: &[f32]) -> Vec<f32> {
-    const HALF: isize = 5;
-    let weight = |k: isize| (-(k * k) as f32 / (2.0 * 1.5 * 1.5)).exp();
-    let total: f32 = (-HALF..=HALF).map(weight).sum();
-    let n = values.len() as isize;
-    let at = |i: isize| values[i.rem_euclid(n) as usize];
-    (0..n).map(|i| (-HALF..=HALF).map(|k| weight(k) * at(i + k)).sum::<f32>() / total).collect()
+    const HALF: usize = 5;
+    let weights: [f32; 2 * HALF + 1] = std::array::from_fn(|k| {
+        let away = k as isize - HALF as isize;
+        (-(away * away) as f32 / (2.0 * 1.5 * 1.5)).exp()
+    });
+    let total: f32 = weights.iter().sum();
+    let n = values.len();
+    let around: Vec<f32> = (0..n + 2 * HALF).map(|i| values[(i + (n - 1) * HALF) % n]).collect();
+    let mean = |window: &[f32]| {
+        window.iter().zip(weights).map(|(value, weight)| weight * value).sum::<f32>() / total
+    };
+    around.windows(weights.len()).map(mean).collect()
 }
 
 /// Maxima of a sequence that rise by at least `threshold` above the higher of the two passes that
@@ -310,7 +316,12 @@ impl Blob {
 
     /// The pixels that touch what is `other` in the image.
     fn beside(&self, other: impl Fn(usize) -> bool, image_width: usize) -> Vec<usize> {
-        let [x0, y0, ..] = self.bounds;
+        let [x0, y0, x1, y1] = self.bounds;
+        let columns = x0.saturating_sub(2)..(x1 + 2).min(image_width);
+        let rows = y0.saturating_sub(2)..y1 + 2;
+        if !rows.into_iter().any(|v| columns.clone().any(|u| other(v * image_width + u))) {
+            return Vec::new();
+        }
         let touches = |index: &usize| {
             let (x, y) = (x0 + index % self.width, y0 + index / self.width);
             (y.saturating_sub(2)..=y + 2)
@@ -328,8 +339,16 @@ impl Blob {
     }
 
     fn lowest(&self, down: Vec2) -> Option<usize> {
-        let pixels = (0..self.body.len()).filter(|index| self.body[*index]);
-        pixels.max_by(|a, b| self.height_below(*a, down).total_cmp(&self.height_below(*b, down)))
+        let mut lowest: Option<(f32, usize)> = None;
+        for (y, row) in self.body.chunks(self.width).enumerate() {
+            for x in (0..row.len()).filter(|x| row[*x]) {
+                let below = Vec2::new(x as f32, y as f32).dot(down);
+                if lowest.is_none_or(|(most, _)| below >= most) {
+                    lowest = Some((below, y * self.width + x));
+                }
+            }
+        }
+        lowest.map(|(_, index)| index)
     }
 
     /// The lower one of the two pixels that are farthest apart within the blob.
@@ -364,7 +383,10 @@ impl Blob {
 
     /// The connected runs of pixels along the border of the region.
     fn border_runs(&self, region: [usize; 4]) -> Vec<Vec<usize>> {
-        let [x0, y0, ..] = self.bounds;
+        let [x0, y0, x1, y1] = self.bounds;
+        if x0 > region[0] && y0 > region[1] && x1 < region[2] && y1 < region[3] {
+            return Vec::new();
+        }
         let on_border = |index: &usize| {
             let (x, y) = (x0 + index % self.width, y0 + index / self.width);
             x == region[0] || y == region[1] || x + 1 == region[2] || y + 1 == region[3]
@@ -395,38 +417,51 @@ impl Blob {
 fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32> {
     // No step is longer than 17, so that 18 buckets in a circle keep what is next apart (Dial 1969).
     const BUCKETS: usize = 18;
-    let height = body.len() / width;
-    let mut distance = vec![u32::MAX; body.len()];
-    let mut buckets: [Vec<usize>; BUCKETS] = Default::default();
-    for seed in seeds {
-        distance[*seed] = 0;
-        buckets[0].push(*seed);
+    // A margin all around spares the question whether a neighbour is within. Nothing is shorter than 0:
+    // what is not of the body is never reached.
+    let padded = width + 2;
+    let at = |index: usize| (index / width + 1) * padded + index % width + 1;
+    let mut distance = vec![0; (body.len() / width + 2) * padded];
+    for (row, body) in distance[padded..].chunks_mut(padded).zip(body.chunks(width)) {
+        row[1..]
+            .iter_mut()
+            .zip(body)
+            .for_each(|(distance, body)| *distance = if *body { u32::MAX } else { 0 });
     }
-    let mut so_far = 0;
+    let around = [(padded + 1, 17), (padded, 12), (padded - 1, 17), (1, 12)];
+    let mut buckets: [Vec<u32>; BUCKETS] = Default::default();
+    for seed in seeds {
+        distance[at(*seed)] = 0;
+        buckets[0].push(at(*seed) as u32);
+    }
+    let (mut so_far, mut turn) = (0, 0);
     let mut empty = 0;
     while empty < BUCKETS {
-        let mut bucket = std::mem::take(&mut buckets[so_far as usize % BUCKETS]);
+        let mut bucket = std::mem::take(&mut buckets[turn]);
         empty = if bucket.is_empty() { empty + 1 } else { 0 };
-        for index in bucket.drain(..) {
+        for index in bucket.drain(..).map(|index| index as usize) {
             if distance[index] != so_far {
                 continue;
             }
-            let (x, y) = (index % width, index / width);
-            for v in y.saturating_sub(1)..(y + 2).min(height) {
-                for u in x.saturating_sub(1)..(x + 2).min(width) {
-                    let other = v * width + u;
-                    let reached = so_far + if u != x && v != y { 17 } else { 12 };
-                    if body[other] && reached < distance[other] {
+            for (offset, step) in around {
+                let reached = so_far + step;
+                for other in [index - offset, index + offset] {
+                    if reached < distance[other] {
                         distance[other] = reached;
-                        buckets[reached as usize % BUCKETS].push(other);
+                        buckets[(turn + step as usize) % BUCKETS].push(other as u32);
                     }
                 }
             }
         }
-        buckets[so_far as usize % BUCKETS] = bucket;
+        buckets[turn] = bucket;
         so_far += 1;
+        turn = (turn + 1) % BUCKETS;
     }
-    distance
+    let rows = distance[padded..].chunks(padded).zip(body.chunks(width));
+    rows.flat_map(|(row, body)| {
+        row[1..].iter().zip(body).map(|(distance, body)| if *body { *distance } else { u32::MAX })
+    })
+    .collect()
 }
 
 #[cfg(test)]

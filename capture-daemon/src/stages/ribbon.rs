@@ -252,17 +252,21 @@ fn matched_sides(part: &Part) -> Option<(Vec<Vec2>, Vec<f32>)> {
     if to - from < 6.0 {
         return None;
     }
-    let at = |side: &Side, level: f32| {
+    let at = |side: &Side, passed: &mut usize, level: f32| {
         // Flow can waver; the first point that reaches the level is the one that counts.
-        let index = side.flow_px.iter().position(|flow| *flow >= level).unwrap_or(side.points.len() - 1);
+        let reached = side.flow_px[*passed..].iter().position(|flow| *flow >= level);
+        let index = reached.map_or(side.points.len() - 1, |more| *passed + more);
+        *passed = index;
         let before = index.saturating_sub(1);
         let (low, high) = (side.flow_px[before], side.flow_px[index]);
         let t = if high > low { ((level - low) / (high - low)).clamp(0.0, 1.0) } else { 1.0 };
         side.points[before].lerp(side.points[index], t)
     };
+    // Levels rise: what did not reach one does not reach the next.
+    let [mut passed_left, mut passed_right] = [0; 2];
     let mut sides: Vec<(Vec2, f32)> = (0..=levels)
         .map(|k| from + (to - from) * k as f32 / levels as f32)
-        .map(|level| (at(&part.left, level), at(&part.right, level)))
+        .map(|level| (at(&part.left, &mut passed_left, level), at(&part.right, &mut passed_right, level)))
         .map(|(left, right)| (left.midpoint(right), left.distance(right)))
         .collect();
     sides.dedup_by(|a, b| a.0.distance(b.0) < 1e-3);
@@ -328,9 +332,10 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
     let (mut hidden, mut unseen, mut gone) = (0, 0, 0);
     // The last section that stood clear of all others, and how far it is back.
     let (mut clear, mut unclear) = (sections.len(), 0.0);
+    let memory = memory();
     let end = loop {
         let coasted = sections.len() - seen;
-        let mut expected = predict(sections, tolerance_m(mask));
+        let mut expected = predict(sections, &memory, tolerance_m(mask));
         expected.search_px = 1.8 + 0.12 * coasted as f32;
         expected.tolerance_m += 1.0e-4 * coasted as f32;
         let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32);
@@ -395,10 +400,17 @@ fn fits(section: &Section) -> bool {
     }
 }
 
-/// What is expected one pixel on, from the sections so far.
-fn predict(sections: &[Section], tolerance_m: f32) -> Expected {
-    const WINDOW: usize = 80;
+/// Sections that a prediction looks back to.
+const WINDOW: usize = 80;
+
+/// What a section counts in a prediction, by how far it is behind the last one that is seen.
+fn memory() -> [f32; WINDOW] {
     const MEMORY_PX: f32 = 24.0;
+    std::array::from_fn(|back| (-(back as f32) / MEMORY_PX).exp())
+}
+
+/// What is expected one pixel on, from the sections so far.
+fn predict(sections: &[Section], memory: &[f32; WINDOW], tolerance_m: f32) -> Expected {
     let recent = &sections[sections.len().saturating_sub(WINDOW)..];
     // Hidden sections count from the last seen one on.
     let last = sections[sections.len() - 1];
@@ -407,7 +419,7 @@ fn predict(sections: &[Section], tolerance_m: f32) -> Expected {
     let mut slope = (0.0, 0.0);
     for (i, section) in recent.iter().enumerate() {
         let s = i as f64 - recent.len() as f64;
-        let memory = (-((seen as f32 - i as f32).max(0.0)) / MEMORY_PX).exp();
+        let memory = memory[seen.saturating_sub(i)];
         let weight = f64::from(memory * section.weight());
         let mid = section.middle();
         x.add(s, mid.x.into(), weight);
@@ -454,12 +466,19 @@ fn root_is_far(mask: &Mask, section: &Section, fields: &[Field]) -> bool {
 /// Whether most of what is seen of `ribbon` is `longer`'s.
 fn covers(longer: &Ribbon, ribbon: &Ribbon, mask: &Mask) -> bool {
     let tolerance = 3.0 * tolerance_m(mask);
+    let reach = |other: &Section| other.expected.half_px.max(1.0) + 0.5;
+    let places = || longer.sections.iter().map(|other| (other.expected.mid, Vec2::splat(reach(other))));
+    let low = places().map(|(mid, reach)| mid - reach).reduce(Vec2::min).unwrap_or_default();
+    let high = places().map(|(mid, reach)| mid + reach).reduce(Vec2::max).unwrap_or_default();
     let within = |section: &&Section| {
-        longer.sections.iter().any(|other| {
-            let distance = other.expected.mid.distance(section.expected.mid);
-            let near = distance < other.expected.half_px.max(1.0) + 0.5;
-            near && (other.expected.depth_m - section.expected.depth_m).abs() < tolerance
-        })
+        let mid = section.expected.mid;
+        let around = mid.cmpge(low).all() && mid.cmple(high).all();
+        around
+            && longer.sections.iter().any(|other| {
+                let off = other.expected.mid - mid;
+                let near = off.x.abs() < reach(other) && off.length() < reach(other);
+                near && (other.expected.depth_m - section.expected.depth_m).abs() < tolerance
+            })
     };
     let clear = || ribbon.sections.iter().filter(|section| section.edges_seen() > 0);
     2 * clear().filter(within).count() > clear().count()

@@ -72,6 +72,26 @@ enum Sight {
     Empty,
 }
 
+/// What a cross-section shows at multiples of [`STEP_PX`], each looked up once.
+struct Sights<'a> {
+    expected: &'a Expected,
+    mask: &'a Mask,
+    known: [Option<Sight>; 2 * KEPT_STEPS + 1],
+}
+
+/// Steps to either side that are kept.
+const KEPT_STEPS: usize = 160;
+
+impl Sights<'_> {
+    fn at(&mut self, step: i32) -> Sight {
+        let t = step as f32 * STEP_PX;
+        let Some(known) = self.known.get_mut((step + KEPT_STEPS as i32) as usize) else {
+            return self.expected.sight(self.mask, t);
+        };
+        *known.get_or_insert_with(|| self.expected.sight(self.mask, t))
+    }
+}
+
 impl Expected {
     fn depth_at(&self, t: f32) -> f32 {
         self.depth_m + self.slope_m * t
@@ -95,7 +115,8 @@ impl Expected {
 
     /// Measures the cross-section. O(width).
     pub fn measure(&self, mask: &Mask) -> Measured {
-        let middle = self.middle(mask);
+        let mut sights = Sights { expected: self, mask, known: [None; 2 * KEPT_STEPS + 1] };
+        let middle = self.middle(&mut sights);
         let nothing = Measured {
             middle,
             left_px: None,
@@ -107,26 +128,33 @@ impl Expected {
         if middle != Middle::Blade {
             return nothing;
         }
-        let left = self.edge(mask, -1.0);
-        let right = self.edge(mask, 1.0);
+        let left = self.edge(&mut sights, -1);
+        let right = self.edge(&mut sights, 1);
         let inner = (
             left.map_or(-0.6 * self.half_px, |l| l + RIM_PX).min(0.0),
             right.map_or(0.6 * self.half_px, |r| r - RIM_PX).max(0.0),
         );
-        let mut readings: Vec<(f32, f32)> = Vec::new();
+        // The casts round towards the middle.
+        let (first, last) = (inner.0 as i32, inner.1 as i32);
+        let mut aways: Vec<f32> = Vec::with_capacity((last - first + 1) as usize);
+        let mut moments = [0.0; 2];
         let mut before = usize::MAX;
-        for k in inner.0.ceil() as i32..=inner.1.floor() as i32 {
-            let Some(index) = mask.index_at(self.mid + self.across * k as f32) else { continue };
-            let t = (mask.pixel(index) - self.mid).dot(self.across);
+        for k in first..=last {
+            let point = self.mid + self.across * k as f32;
+            let Some(index) = mask.index_at(point) else { continue };
+            if index == before || mask.occupancy[index] <= 0.85 {
+                continue;
+            }
+            let pixel = Vec2::new((point.x + 0.5) as i32 as f32, (point.y + 0.5) as i32 as f32);
+            let t = (pixel - self.mid).dot(self.across);
             let away = mask.depth_m[index] - self.depth_at(t);
-            if index != before && mask.occupancy[index] > 0.85 && away.abs() <= self.tolerance_m {
-                readings.push((t, away));
+            if away.abs() <= self.tolerance_m {
+                aways.push(away);
+                moments = [moments[0] + t * away, moments[1] + t * t];
                 before = index;
             }
         }
-        let moments = readings.iter().fold([0.0; 2], |[ta, tt], (t, away)| [ta + t * away, tt + t * t]);
-        let mut aways: Vec<f32> = readings.iter().map(|(_, away)| *away).collect();
-        aways.sort_by(f32::total_cmp);
+        aways.sort_unstable_by(f32::total_cmp);
         let n = aways.len();
         let median = (n > 0).then(|| 0.5 * (aways[(n - 1) / 2] + aways[n / 2]));
         Measured {
@@ -139,18 +167,17 @@ impl Expected {
         }
     }
 
-    fn middle(&self, mask: &Mask) -> Middle {
+    fn middle(&self, sights: &mut Sights) -> Middle {
+        match sights.at(0) {
+            Sight::Blade => return Middle::Blade,
+            Sight::Nearer => return Middle::Hidden,
+            Sight::Farther | Sight::Unseen | Sight::Empty => {}
+        }
         // The blade counts wherever it is seen near the middle: its midrib may be off a little.
         let reach = (0.5 * self.half_px).max(self.search_px.min(self.half_px + 1.0)).max(0.75);
         let count = (reach / STEP_PX) as i32;
-        let sights: Vec<Sight> = (-count..=count).map(|k| self.sight(mask, k as f32 * STEP_PX)).collect();
-        let has = |sight| sights.contains(&sight);
-        let at_middle = sights[count as usize];
-        if at_middle == Sight::Blade {
-            Middle::Blade
-        } else if at_middle == Sight::Nearer {
-            Middle::Hidden
-        } else if has(Sight::Blade) {
+        let mut has = |sight| (-count..=count).any(|step| sights.at(step) == sight);
+        if has(Sight::Blade) {
             Middle::Blade
         } else if has(Sight::Nearer) {
             Middle::Hidden
@@ -161,100 +188,105 @@ impl Expected {
         }
     }
 
-    /// Where the blade ends to one side, as an offset along `across`.
-    fn edge(&self, mask: &Mask, side: f32) -> Option<f32> {
+    /// Where the blade ends to one side (−1 left, 1 right), as an offset along `across`.
+    fn edge(&self, sights: &mut Sights, side: i32) -> Option<f32> {
         let limit = self.half_px + self.search_px;
         // From the blade's pixel nearest to the middle outward to the last one.
         let mut k = 0;
-        while self.sight(mask, side * k as f32 * STEP_PX) != Sight::Blade {
+        while sights.at(side * k) != Sight::Blade {
             k += 1;
             if k as f32 * STEP_PX > limit {
                 // All of it lies to the other side.
-                return self.far_edge(mask, side);
+                return self.far_edge(sights, side);
             }
         }
         let start = k;
+        // A gap of 1.5 px is missed by no stride of 1.5 px.
+        const STRIDE: i32 = 3;
+        let stride_limit = limit + SMEAR_PX - STRIDE as f32 * STEP_PX;
+        while k as f32 * STEP_PX <= stride_limit && sights.at(side * (k + STRIDE)) == Sight::Blade {
+            k += STRIDE;
+        }
         let mut last = k;
         while (k as f32) * STEP_PX <= limit + SMEAR_PX {
-            match self.sight(mask, side * k as f32 * STEP_PX) {
+            match sights.at(side * k) {
                 Sight::Blade => last = k,
                 _ if (k - last) as f32 * STEP_PX > 1.5 => break,
                 _ => {}
             }
             k += 1;
         }
-        let reach = last as f32 * STEP_PX;
-        if reach > limit {
+        if last as f32 * STEP_PX > limit {
             return None;
         }
-        let beyond = |from: f32, to: f32, sight: Sight| {
-            let steps = ((to - from) / STEP_PX) as i32;
-            (0..=steps).any(|j| self.sight(mask, side * (reach + from + j as f32 * STEP_PX)) == sight)
-        };
-        if beyond(STEP_PX, 1.5 + SHADOW_PX, Sight::Nearer) {
+        let mut beyond = |steps: i32| sights.at(side * (last + steps));
+        const SHADOW: i32 = ((1.5 + SHADOW_PX) / STEP_PX) as i32;
+        if let Some(nearer) = (1..=SHADOW).find(|j| beyond(*j) == Sight::Nearer) {
             // Hidden, unless what is nearer begins only behind a stretch of plain background.
-            let background =
-                (1..=8).find(|j| self.sight(mask, side * (reach + *j as f32 * STEP_PX)) == Sight::Empty);
-            let nearer =
-                (1..=13).find(|j| self.sight(mask, side * (reach + *j as f32 * STEP_PX)) == Sight::Nearer);
-            if background.is_none_or(|b| nearer.is_some_and(|n| n < b + 2)) {
+            let background = (1..=8).find(|j| beyond(*j) == Sight::Empty);
+            if background.is_none_or(|b| nearer < b + 2) {
                 return None;
             }
         }
         // A shadow that what is nearer throws on the blade can be long at a slant.
-        let shadowed = (2..=40)
-            .map(|j| self.sight(mask, side * (reach + j as f32 * STEP_PX)))
-            .find(|sight| !matches!(sight, Sight::Unseen | Sight::Blade));
+        let shadowed = (2..=40).map(&mut beyond).find(|sight| !matches!(sight, Sight::Unseen | Sight::Blade));
         if shadowed == Some(Sight::Nearer) {
             return None;
         }
         // Beyond the smear of the edge stands what it is seen against.
+        let mask = sights.mask;
         let against = (4..=8).find_map(|j| {
-            let t = side * (reach + j as f32 * STEP_PX);
-            let index = mask.index_at(self.mid + self.across * t)?;
-            (self.sight(mask, t) == Sight::Farther && mask.occupancy[index] > 0.85)
-                .then(|| mask.depth_m[index])
+            let step = side * (last + j);
+            if sights.at(step) != Sight::Farther {
+                return None;
+            }
+            let index = mask.index_at(self.mid + self.across * (step as f32 * STEP_PX))?;
+            (mask.occupancy[index] > 0.85).then(|| mask.depth_m[index])
         });
         let from = start as f32 * STEP_PX;
-        let steps = ((reach + SMEAR_PX - from) / 0.25).ceil() as i32;
-        let covered = (0..steps)
-            .map(|j| self.coverage(mask, side * (from + (j as f32 + 0.5) * 0.25), against))
-            .sum::<f32>();
-        Some(side * (from + 0.25 * covered))
+        let steps = last - start + (SMEAR_PX / STEP_PX) as i32;
+        let covered: f32 = (0..steps)
+            .map(|j| self.coverage(mask, side as f32 * (from + (j as f32 + 0.5) * STEP_PX), against))
+            .sum();
+        Some(side as f32 * (from + STEP_PX * covered))
     }
 
     /// The edge to one side of a blade that lies wholly to the other side of the middle.
-    fn far_edge(&self, mask: &Mask, side: f32) -> Option<f32> {
+    fn far_edge(&self, sights: &mut Sights, side: i32) -> Option<f32> {
         let limit = self.half_px + self.search_px;
         let steps = (limit / STEP_PX) as i32;
-        let first = (1..=steps).find(|k| self.sight(mask, -side * *k as f32 * STEP_PX) == Sight::Blade)?;
+        let first = (1..=steps).find(|k| sights.at(-side * k) == Sight::Blade)?;
         // It begins there, unless something nearer hides what is before.
-        let before = (first - 10..first).map(|k| self.sight(mask, -side * k as f32 * STEP_PX));
-        let hidden = before.rev().find(|sight| *sight != Sight::Unseen) == Some(Sight::Nearer);
-        (!hidden).then_some(-side * (first as f32 - 0.5) * STEP_PX)
+        let before = (first - 10..first).rev().map(|k| sights.at(-side * k));
+        let hidden = before.into_iter().find(|sight| *sight != Sight::Unseen) == Some(Sight::Nearer);
+        (!hidden).then_some(-side as f32 * (first as f32 - 0.5) * STEP_PX)
     }
 
     /// Share of a point that is of the blade, bilinear; `against`: depth of what is behind its edge.
     fn coverage(&self, mask: &Mask, t: f32, against: Option<f32>) -> f32 {
         let point = self.mid + self.across * t;
-        let (x0, y0) = (point.x.floor(), point.y.floor());
-        let (fx, fy) = (point.x - x0, point.y - y0);
+        let inside = |at: f32, size: usize| at >= 0.0 && at <= (size - 1) as f32;
+        if !(inside(point.x, mask.width) && inside(point.y, mask.height)) {
+            return 0.0;
+        }
+        // The casts round down.
+        let (x0, y0) = (point.x as i32 as usize, point.y as i32 as usize);
+        let (fx, fy) = (point.x - x0 as f32, point.y - y0 as f32);
         let here = self.depth_at(t);
-        let at = |x: f32, y: f32| {
-            let Some(index) = mask.index_at(Vec2::new(x, y)) else { return 0.0 };
+        let per_m = against.map_or(0.0, |behind| 1.0 / (behind - here).max(1e-4));
+        let at = |index: usize| {
             let (occupancy, depth) = (mask.occupancy[index], mask.depth_m[index]);
-            if occupancy <= 0.0 {
-                return 0.0;
-            }
             match against {
-                Some(behind) => occupancy * ((behind - depth) / (behind - here).max(1e-4)).clamp(0.0, 1.0),
+                Some(behind) if occupancy > 0.0 => occupancy * ((behind - depth) * per_m).clamp(0.0, 1.0),
                 None if (depth - here).abs() <= 2.0 * self.tolerance_m => occupancy,
-                None => 0.0,
+                _ => 0.0,
             }
         };
-        let upper = at(x0, y0) * (1.0 - fx) + at(x0 + 1.0, y0) * fx;
-        let lower = at(x0, y0 + 1.0) * (1.0 - fx) + at(x0 + 1.0, y0 + 1.0) * fx;
-        upper * (1.0 - fy) + lower * fy
+        let upper = y0 * mask.width + x0;
+        let right = usize::from(x0 + 1 < mask.width);
+        let lower = if y0 + 1 < mask.height { upper + mask.width } else { upper };
+        (at(upper) * (1.0 - fx) + at(upper + right) * fx) * (1.0 - fy)
+            + (at(lower) * (1.0 - fx) + at(lower + right) * fx) * fy
     }
 
     /// ∫ coverage over the whole cross-section, pixels: its width, however thin.

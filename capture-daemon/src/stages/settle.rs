@@ -5,7 +5,7 @@ use glam::Vec2;
 
 use super::mask::Mask;
 use super::ribbon::{Section, tolerance_m};
-use super::section::Expected;
+use super::section::{Expected, Measured, Middle};
 
 /// Half-height wavelengths of the smoothing along a ribbon, pixels.
 const WIDTH_WAVELENGTH_PX: f64 = 16.0;
@@ -49,9 +49,10 @@ fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64,
     let halves: Vec<f64> = sections.iter().map(measured_half).collect();
     let halves = smooth::penalised(&halves, &anchored(&both, 0.02), WIDTH_WAVELENGTH_PX);
     let mids: Vec<Vec2> = sections.iter().map(Section::middle).collect();
+    let places = smooth::Penalised::new(&places, wavelength_px);
     let axis = |of: fn(&Vec2) -> f32| {
         let values: Vec<f64> = mids.iter().map(|p| f64::from(of(p))).collect();
-        smooth::penalised(&values, &places, wavelength_px)
+        places.smooth(&values)
     };
     let mids: Vec<Vec2> =
         axis(|p| p.x).into_iter().zip(axis(|p| p.y)).map(|(x, y)| Vec2::new(x as f32, y as f32)).collect();
@@ -74,9 +75,35 @@ fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64,
             tolerance_m: tolerance,
             search_px: 2.0 + search * half_px,
         };
-        sections[i] = Section { expected, measured: expected.measure(mask), ..sections[i] };
-        sections[i].doubt();
+        let section = &mut sections[i];
+        section.measured = moved(section, &expected).unwrap_or_else(|| expected.measure(mask));
+        section.expected = expected;
+        section.doubt();
     }
+}
+
+/// What was measured, as seen from a place so near that it would be measured alike.
+fn moved(Section { expected, measured, guide_px, .. }: &Section, to: &Expected) -> Option<Measured> {
+    const NEAR_PX: f32 = 0.08;
+    let by = to.mid - expected.mid;
+    let turned_px = (to.across - expected.across).length() * to.half_px;
+    let tilted_m = (to.slope_m - expected.slope_m) * to.half_px;
+    let near = by.length() + turned_px < NEAR_PX
+        && (to.half_px - expected.half_px).abs() + (to.search_px - expected.search_px).abs() < 3.0 * NEAR_PX
+        && (to.depth_m - expected.depth_m).abs() + tilted_m.abs() < 0.1 * to.tolerance_m
+        && to.tolerance_m == expected.tolerance_m;
+    // Edges that were doubted are to be looked for again.
+    if !near || measured.middle != Middle::Blade || guide_px.is_some() {
+        return None;
+    }
+    let aside = by.dot(to.across);
+    let [moment, square] = measured.slope_moments;
+    Some(Measured {
+        left_px: measured.left_px.map(|left| left - aside),
+        right_px: measured.right_px.map(|right| right - aside),
+        slope_moments: [moment + (expected.slope_m - to.slope_m) * square, square],
+        ..*measured
+    })
 }
 
 /// Slope of depth across, fitted in a window along the ribbon.
@@ -85,22 +112,29 @@ fn slopes(sections: &[Section]) -> Vec<f32> {
     // noise, 0.6 mm a px of slope): keeps the fit calm where there are but a few pixels.
     const RIDGE: f32 = 0.5;
     let half = (3.0 * SLOPE_WINDOW_PX) as usize;
+    let weights: Vec<f32> = (0..=half)
+        .map(|away| {
+            let away = away as f32 / SLOPE_WINDOW_PX;
+            (-0.5 * away * away).exp()
+        })
+        .collect();
+    let moments: Vec<[f32; 2]> = sections
+        .iter()
+        .map(|Section { expected, measured, guide_px, .. }| {
+            let [moment, square] = measured.slope_moments;
+            // The moments are those of what was left over the slope expected then.
+            if guide_px.is_some() { [0.0; 2] } else { [moment + expected.slope_m * square, square] }
+        })
+        .collect();
     let mut slopes: Vec<f32> = (0..sections.len())
         .map(|i| {
-            let (mut ta, mut tt) = (0.0, RIDGE);
             let first = i.saturating_sub(half);
-            let window = &sections[first..(i + half + 1).min(sections.len())];
-            for (k, Section { expected, measured, guide_px, .. }) in window.iter().enumerate() {
-                if guide_px.is_some() {
-                    continue;
-                }
-                let away = ((first + k) as f32 - i as f32) / SLOPE_WINDOW_PX;
-                let weight = (-0.5 * away * away).exp();
-                let [moment, square] = measured.slope_moments;
-                // The moments are those of what was left over the slope expected then.
-                ta += weight * (moment + expected.slope_m * square);
-                tt += weight * square;
-            }
+            let window = &moments[first..(i + half + 1).min(moments.len())];
+            let away = |k: usize| i.abs_diff(first + k);
+            let [ta, tt] = window.iter().enumerate().fold([0.0, RIDGE], |[ta, tt], (k, [moment, square])| {
+                let weight = weights[away(k)];
+                [ta + weight * moment, tt + weight * square]
+            });
             ta / tt
         })
         .collect();

@@ -17,53 +17,83 @@
 /// Whittaker 1923; Eilers 2003, "A perfect smoother". λ by the half-height wavelength is ours:
 /// λ = (λ_w/2π)⁶.
 pub fn penalised(samples: &[f64], weights: &[f64], wavelength: f64) -> Vec<f64> {
-    const ORDER: usize = 3;
-    const STENCIL: [f64; ORDER + 1] = [-1.0, 3.0, -3.0, 1.0];
-    let n = samples.len();
-    if n <= ORDER {
-        return samples.to_vec();
-    }
-    let lambda = (wavelength / std::f64::consts::TAU).powi(2 * ORDER as i32);
-    // The matrix W + λDᵀD has bandwidth 3: `band[i][k]` is its entry (i, i − k).
-    let mut band = vec![[0.0; ORDER + 1]; n];
-    for first in 0..n - ORDER {
-        for a in 0..=ORDER {
-            for b in 0..=a {
-                band[first + a][a - b] += lambda * STENCIL[a] * STENCIL[b];
+    Penalised::new(weights, wavelength).smooth(samples)
+}
+
+const ORDER: usize = 3;
+
+/// What [`penalised`] needs to know of the weights: made once for several sequences.
+#[derive(Clone, Debug)]
+pub struct Penalised {
+    weights: Vec<f64>,
+    /// LDLᵀ of W + λDᵀD, which has bandwidth 3: `band[i][k]` is entry (i, i − k) of L, `band[i][0]` one
+    /// over that of D.
+    band: Vec<[f64; ORDER + 1]>,
+}
+
+impl Penalised {
+    /// For sequences with these weights and this half-height wavelength. O(n).
+    pub fn new(weights: &[f64], wavelength: f64) -> Self {
+        const STENCIL: [f64; ORDER + 1] = [-1.0, 3.0, -3.0, 1.0];
+        let n = weights.len();
+        if n <= ORDER {
+            return Self { weights: weights.to_vec(), band: Vec::new() };
+        }
+        let lambda = (wavelength / std::f64::consts::TAU).powi(2 * ORDER as i32);
+        let mut band = vec![[0.0; ORDER + 1]; n];
+        for first in 0..n - ORDER {
+            for a in 0..=ORDER {
+                for b in 0..=a {
+                    band[first + a][a - b] += lambda * STENCIL[a] * STENCIL[b];
+                }
             }
         }
-    }
-    // The ridge keeps the matrix regular where fewer than three samples are measured.
-    let ridge = 1e-12 * (1.0 + lambda);
-    let mut solution: Vec<f64> = samples.iter().zip(weights).map(|(y, w)| w * y).collect();
-    for (row, weight) in band.iter_mut().zip(weights) {
-        row[0] += weight + ridge;
-    }
-    // Banded LDLᵀ, in place: band[i][0] becomes D, the rest of the row becomes L.
-    for i in 0..n {
-        for k in (1..=ORDER.min(i)).rev() {
-            let j = i - k;
-            let mut sum = band[i][k];
-            for m in k + 1..=ORDER.min(i) {
-                sum -= band[i][m] * band[i - m][0] * band[j][m - k];
+        // The ridge keeps the matrix regular where fewer than three samples are measured.
+        let ridge = 1e-12 * (1.0 + lambda);
+        for (row, weight) in band.iter_mut().zip(weights) {
+            row[0] += weight + ridge;
+        }
+        for i in 0..n {
+            let mut row = band[i];
+            for k in (1..=ORDER.min(i)).rev() {
+                // Entry (i, i − k) of LD.
+                for m in k + 1..=ORDER.min(i) {
+                    row[k] -= row[m] * band[i - k][m - k];
+                }
             }
-            band[i][k] = sum / band[j][0];
+            let mut diagonal = row[0];
+            for k in 1..=ORDER.min(i) {
+                let of_l = row[k] * band[i - k][0];
+                diagonal -= of_l * row[k];
+                row[k] = of_l;
+            }
+            row[0] = 1.0 / diagonal;
+            band[i] = row;
         }
-        for k in 1..=ORDER.min(i) {
-            band[i][0] -= band[i][k] * band[i][k] * band[i - k][0];
-        }
-        for k in 1..=ORDER.min(i) {
-            solution[i] -= band[i][k] * solution[i - k];
-        }
+        Self { weights: weights.to_vec(), band }
     }
-    for i in (0..n).rev() {
-        solution[i] /= band[i][0];
-        for k in 1..=ORDER.min(n - 1 - i) {
-            let above = solution[i + k] * band[i + k][k];
-            solution[i] -= above;
+
+    /// Smooths a sequence of as many samples as there are weights. O(n).
+    pub fn smooth(&self, samples: &[f64]) -> Vec<f64> {
+        let (n, band) = (samples.len(), &self.band);
+        if n <= ORDER {
+            return samples.to_vec();
         }
+        let mut solution: Vec<f64> = samples.iter().zip(&self.weights).map(|(y, w)| w * y).collect();
+        for i in 0..n {
+            for k in 1..=ORDER.min(i) {
+                solution[i] -= band[i][k] * solution[i - k];
+            }
+        }
+        for i in (0..n).rev() {
+            solution[i] *= band[i][0];
+            for k in 1..=ORDER.min(n - 1 - i) {
+                let above = solution[i + k] * band[i + k][k];
+                solution[i] -= above;
+            }
+        }
+        solution
     }
-    solution
 }
 
 #[cfg(test)]

@@ -41,31 +41,47 @@ pub(super) fn keep(skeleton: &[Knot], motion: &Motion, distance_weight: f32, cou
 }
 
 /// How far a blade deviates from straight stretches between its vertices.
-struct Deviation<'a> {
-    skeleton: &'a [Knot],
-    /// Each vertex's positions over time, one vertex after the other.
-    tracks: Vec<Vec3>,
-    frames: usize,
+struct Deviation {
+    /// Left and right edge at rest.
+    edges: Vec<[Vec3; 2]>,
+    /// Each vertex's positions over time, one vertex after the other, [`LANES`] moments together; the last
+    /// moment fills up what is over.
+    tracks: Vec<Moments>,
+    /// Elements of `tracks` for a vertex.
+    stride: usize,
     /// Arc length from the root to each vertex.
     along: Vec<f32>,
     distance_weight: f32,
 }
 
-impl<'a> Deviation<'a> {
-    fn new(skeleton: &'a [Knot], motion: &Motion, distance_weight: f32) -> Self {
+/// As many as every processor reckons with at a time.
+const LANES: usize = 4;
+
+/// x, y and z of a vertex at some moments.
+type Moments = [[f32; LANES]; 3];
+
+impl Deviation {
+    fn new(skeleton: &[Knot], motion: &Motion, distance_weight: f32) -> Self {
         let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
-        let tracks = (0..skeleton.len()).flat_map(|vertex| motion.iter().map(move |frame| frame[vertex]));
+        let stride = motion.len().div_ceil(LANES);
+        let mut tracks = Vec::with_capacity(stride * skeleton.len());
+        for vertex in 0..skeleton.len() {
+            tracks.extend(motion.chunks(LANES).map(|frames| {
+                let at = |lane: usize| frames[lane.min(frames.len() - 1)][vertex];
+                [0, 1, 2].map(|axis| std::array::from_fn(|lane| at(lane)[axis]))
+            }));
+        }
         Self {
-            skeleton,
-            tracks: tracks.collect(),
-            frames: motion.len(),
+            edges: skeleton.iter().map(|knot| [knot.left(), knot.right()]).collect(),
+            tracks,
+            stride,
             along: polyline::cumulative_length(&midrib),
             distance_weight,
         }
     }
 
-    fn track(&self, vertex: usize) -> &[Vec3] {
-        &self.tracks[vertex * self.frames..(vertex + 1) * self.frames]
+    fn track(&self, vertex: usize) -> &[Moments] {
+        &self.tracks[vertex * self.stride..(vertex + 1) * self.stride]
     }
 
     /// Of the vertices between `from` and `to`, metres: μ times the farthest that an edge at rest is from
@@ -73,18 +89,29 @@ impl<'a> Deviation<'a> {
     /// `bound` if it is above that.
     fn of(&self, from: usize, to: usize, bound: f32) -> f32 {
         let span = (self.along[to] - self.along[from]).max(f32::MIN_POSITIVE);
-        let (a, b) = (&self.skeleton[from], &self.skeleton[to]);
+        let ([a_left, a_right], [b_left, b_right]) = (self.edges[from], self.edges[to]);
         let (mut rest, mut moving) = (0.0_f32, 0.0_f32);
-        for vertex in from + 1..to {
+        // The middle is the likeliest to be far off: what is too much is soon told.
+        let middle = from.midpoint(to).max(from + 1);
+        for vertex in (middle..to).chain(from + 1..middle) {
             let t = (self.along[vertex] - self.along[from]) / span;
-            let knot = &self.skeleton[vertex];
+            let [left, right] = self.edges[vertex];
             rest = rest
-                .max(knot.left().distance_squared(a.left().lerp(b.left(), t)))
-                .max(knot.right().distance_squared(a.right().lerp(b.right(), t)));
+                .max(left.distance_squared(a_left.lerp(b_left, t)))
+                .max(right.distance_squared(a_right.lerp(b_right, t)));
+            let mut farthest = [0.0_f32; LANES];
             let ends = self.track(from).iter().zip(self.track(to));
             for (position, (a, b)) in self.track(vertex).iter().zip(ends) {
-                moving = moving.max(position.distance_squared(*a + (*b - *a) * t));
+                for (lane, farthest) in farthest.iter_mut().enumerate() {
+                    let off = [0, 1, 2].map(|axis| {
+                        position[axis][lane] - (a[axis][lane] + (b[axis][lane] - a[axis][lane]) * t)
+                    });
+                    let squared = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
+                    // Unlike `max`, a single instruction.
+                    *farthest = if squared > *farthest { squared } else { *farthest };
+                }
             }
+            moving = farthest.into_iter().fold(moving, f32::max);
             if self.weighed(rest, moving) > bound {
                 break;
             }
@@ -99,7 +126,7 @@ impl<'a> Deviation<'a> {
     /// The ends of the longest stretches from the root on that stay within `bound`; none if that takes
     /// more than `count` vertices.
     fn stretches(&self, bound: f32, count: usize) -> Option<Vec<usize>> {
-        let last = self.skeleton.len() - 1;
+        let last = self.edges.len() - 1;
         let mut kept = vec![0];
         let mut from = 0;
         while from < last {
@@ -115,7 +142,7 @@ impl<'a> Deviation<'a> {
     /// The end of the longest stretch from `from` on that stays within `bound`, by doubling and halving: a
     /// longer one is taken to deviate more.
     fn farthest_within(&self, from: usize, bound: f32) -> usize {
-        let last = self.skeleton.len() - 1;
+        let last = self.edges.len() - 1;
         let fits = |to: usize| self.of(from, to, bound) <= bound;
         let (mut within, mut step) = (from + 1, 1);
         while within < last && fits((within + step).min(last)) {
