@@ -6,11 +6,12 @@ use common::refine::RefineParams;
 use crate::frame::{CameraModel, CameraPose};
 use crate::stages::accumulate::Accumulation;
 use crate::stages::blade::{self, AcceptParams, CapturedBlade, Refusal};
+use crate::stages::blob::Field;
 use crate::stages::confidence::Evidence;
 use crate::stages::contour::{self, Outline};
 use crate::stages::lift::{self, Lifted};
 use crate::stages::mask::{self, Mask, MaskParams};
-use crate::stages::partition::{self, Field, Part, PartitionParams};
+use crate::stages::partition::{self, Part, PartitionParams};
 use crate::stages::ribbon::{self, Ribbon, RibbonParams};
 use crate::stages::skeleton::{self, Skeleton};
 

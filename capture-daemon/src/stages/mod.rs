@@ -5,6 +5,7 @@
 
 pub mod accumulate;
 pub mod blade;
+pub mod blob;
 pub mod confidence;
 pub mod contour;
 mod crossing;

@@ -1,10 +1,9 @@
 //! Outline → single blades: each with its tip, its two sides and the cut at its base.
 
-use std::cmp::Reverse;
-
 use common::geometry::polyline;
 use glam::Vec2;
 
+use super::blob::{Blob, Field, MIN_BORDER_PX, distances};
 use super::contour::Outline;
 use super::mask::{Labels, Mask};
 
@@ -90,7 +89,7 @@ pub fn flow(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionP
 /// Distance from its root to each pixel of the region behind an outline.
 pub fn root_distance(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionParams) -> Field {
     let walked = evenly(outline).and_then(|points| walk(mask, labels, outline.label, &points, params));
-    walked.map_or(Field { bounds: [0; 4], twelfths: Vec::new() }, |(_, field)| field)
+    walked.map_or_else(Field::default, |(_, field)| field)
 }
 
 /// The outline at points one pixel apart; `None` if it is too short to be a blade's.
@@ -240,9 +239,6 @@ fn persistent_maxima(values: &[f32], threshold: f32) -> Vec<usize> {
     maxima
 }
 
-/// A blob that touches the border of the region with fewer pixels than this ends there by chance.
-const MIN_BORDER_PX: usize = 3;
-
 /// An outline walked from its root and back to it.
 struct Walk {
     points: Vec<Vec2>,
@@ -267,201 +263,6 @@ impl Walk {
         let tips = persistent_maxima(&flow, threshold);
         Self { points, flow, tips }
     }
-}
-
-/// The body pixels of one blob, as indices into its bounding box.
-struct Blob {
-    bounds: [usize; 4],
-    width: usize,
-    body: Vec<bool>,
-}
-
-/// Distance from the root to each body pixel of a blob, within the blob.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Field {
-    bounds: [usize; 4],
-    /// Twelfths of a pixel; `u32::MAX` outside of the blob.
-    twelfths: Vec<u32>,
-}
-
-impl Field {
-    /// Distance at a point, pixels: over the nearest pixel of the region, 0 far from all.
-    pub fn at(&self, point: Vec2) -> f32 {
-        let [x0, y0, x1, y1] = self.bounds;
-        let (x, y) = (point.x.floor() as isize, point.y.floor() as isize);
-        let mut best = f32::INFINITY;
-        for (v, u) in (y - 1..=y + 2).flat_map(|v| (x - 1..=x + 2).map(move |u| (v, u))) {
-            let inside = u >= x0 as isize && v >= y0 as isize && u < x1 as isize && v < y1 as isize;
-            if !inside {
-                continue;
-            }
-            let twelfths = self.twelfths[(v as usize - y0) * (x1 - x0) + u as usize - x0];
-            if twelfths != u32::MAX {
-                let pixel = Vec2::new(u as f32, v as f32);
-                best = best.min(twelfths as f32 / 12.0 + pixel.distance(point));
-            }
-        }
-        if best.is_finite() { best } else { 0.0 }
-    }
-}
-
-impl Blob {
-    fn of(mask: &Mask, labels: &Labels, label: u16) -> Option<Self> {
-        let bounds = labels.regions.iter().find(|region| region.label == label)?.bounds;
-        let [x0, y0, x1, y1] = bounds;
-        let pixels = (y0..y1).flat_map(|y| (x0..x1).map(move |x| y * mask.width + x));
-        let body = pixels.map(|index| labels.of[index] == label && mask.occupancy[index] >= 0.5).collect();
-        Some(Self { bounds, width: x1 - x0, body })
-    }
-
-    /// The pixels that touch what is `other` in the image.
-    fn beside(&self, other: impl Fn(usize) -> bool, image_width: usize) -> Vec<usize> {
-        let [x0, y0, x1, y1] = self.bounds;
-        let columns = x0.saturating_sub(2)..(x1 + 2).min(image_width);
-        let rows = y0.saturating_sub(2)..y1 + 2;
-        if !rows.into_iter().any(|v| columns.clone().any(|u| other(v * image_width + u))) {
-            return Vec::new();
-        }
-        let touches = |index: &usize| {
-            let (x, y) = (x0 + index % self.width, y0 + index / self.width);
-            (y.saturating_sub(2)..=y + 2)
-                .any(|v| (x.saturating_sub(2)..=x + 2).any(|u| u < image_width && other(v * image_width + u)))
-        };
-        (0..self.body.len()).filter(|index| self.body[*index]).filter(touches).collect()
-    }
-
-    fn distance_from(&self, roots: &[usize]) -> Field {
-        Field { bounds: self.bounds, twelfths: distances(&self.body, self.width, roots) }
-    }
-
-    fn height_below(&self, index: usize, down: Vec2) -> f32 {
-        Vec2::new((index % self.width) as f32, (index / self.width) as f32).dot(down)
-    }
-
-    fn lowest(&self, down: Vec2) -> Option<usize> {
-        let mut lowest: Option<(f32, usize)> = None;
-        for (y, row) in self.body.chunks(self.width).enumerate() {
-            for x in (0..row.len()).filter(|x| row[*x]) {
-                let below = Vec2::new(x as f32, y as f32).dot(down);
-                if lowest.is_none_or(|(most, _)| below >= most) {
-                    lowest = Some((below, y * self.width + x));
-                }
-            }
-        }
-        lowest.map(|(_, index)| index)
-    }
-
-    /// The lower one of the two pixels that are farthest apart within the blob.
-    fn lower_end(&self, from: usize, down: Vec2) -> usize {
-        let farthest = |from: usize| {
-            let twelfths = distances(&self.body, self.width, &[from]);
-            let reached = (0..self.body.len()).filter(|index| twelfths[*index] != u32::MAX);
-            reached.max_by_key(|index| (twelfths[*index], Reverse(*index))).unwrap_or(from)
-        };
-        let one = farthest(from);
-        let other = farthest(one);
-        if self.height_below(one, down) > self.height_below(other, down) { one } else { other }
-    }
-
-    /// Where the blob leaves the region: the run of pixels along the border that is nearest to all of it
-    /// within it. A leaf that droops out of the picture is farther from the others than their stem.
-    fn border(&self, region: [usize; 4]) -> Option<Vec<usize>> {
-        const MOST: usize = 8;
-        let mut runs = self.border_runs(region);
-        runs.retain(|run| run.len() >= MIN_BORDER_PX);
-        runs.sort_by_key(|run| (Reverse(run.len()), run.iter().min().copied()));
-        runs.truncate(MOST);
-        if runs.len() < 2 {
-            return runs.pop();
-        }
-        let total = |run: &Vec<usize>| {
-            let distance = distances(&self.body, self.width, run);
-            distance.into_iter().filter(|it| *it != u32::MAX).map(u64::from).sum::<u64>()
-        };
-        runs.into_iter().min_by_key(total)
-    }
-
-    /// The connected runs of pixels along the border of the region.
-    fn border_runs(&self, region: [usize; 4]) -> Vec<Vec<usize>> {
-        let [x0, y0, x1, y1] = self.bounds;
-        if x0 > region[0] && y0 > region[1] && x1 < region[2] && y1 < region[3] {
-            return Vec::new();
-        }
-        let on_border = |index: &usize| {
-            let (x, y) = (x0 + index % self.width, y0 + index / self.width);
-            x == region[0] || y == region[1] || x + 1 == region[2] || y + 1 == region[3]
-        };
-        let touches = |a: usize, b: usize| {
-            let (dx, dy) =
-                ((a % self.width).abs_diff(b % self.width), (a / self.width).abs_diff(b / self.width));
-            dx <= 1 && dy <= 1
-        };
-        let mut left: Vec<usize> =
-            (0..self.body.len()).filter(|index| self.body[*index]).filter(on_border).collect();
-        let mut runs = Vec::new();
-        while let Some(first) = left.pop() {
-            let mut run = vec![first];
-            let mut next = 0;
-            while next < run.len() {
-                let at = run[next];
-                next += 1;
-                run.extend(left.extract_if(.., |other| touches(at, *other)));
-            }
-            runs.push(run);
-        }
-        runs
-    }
-}
-
-/// Chamfer distances (12 straight, 17 diagonal) within `body` from `seeds`; `u32::MAX` where none leads.
-fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32> {
-    // No step is longer than 17, so that 18 buckets in a circle keep what is next apart (Dial 1969).
-    const BUCKETS: usize = 18;
-    // A margin all around spares the question whether a neighbour is within. Nothing is shorter than 0:
-    // what is not of the body is never reached.
-    let padded = width + 2;
-    let at = |index: usize| (index / width + 1) * padded + index % width + 1;
-    let mut distance = vec![0; (body.len() / width + 2) * padded];
-    for (row, body) in distance[padded..].chunks_mut(padded).zip(body.chunks(width)) {
-        row[1..]
-            .iter_mut()
-            .zip(body)
-            .for_each(|(distance, body)| *distance = if *body { u32::MAX } else { 0 });
-    }
-    let around = [(padded + 1, 17), (padded, 12), (padded - 1, 17), (1, 12)];
-    let mut buckets: [Vec<u32>; BUCKETS] = Default::default();
-    for seed in seeds {
-        distance[at(*seed)] = 0;
-        buckets[0].push(at(*seed) as u32);
-    }
-    let (mut so_far, mut turn) = (0, 0);
-    let mut empty = 0;
-    while empty < BUCKETS {
-        let mut bucket = std::mem::take(&mut buckets[turn]);
-        empty = if bucket.is_empty() { empty + 1 } else { 0 };
-        for index in bucket.drain(..).map(|index| index as usize) {
-            if distance[index] != so_far {
-                continue;
-            }
-            for (offset, step) in around {
-                let reached = so_far + step;
-                for other in [index - offset, index + offset] {
-                    if reached < distance[other] {
-                        distance[other] = reached;
-                        buckets[(turn + step as usize) % BUCKETS].push(other as u32);
-                    }
-                }
-            }
-        }
-        buckets[turn] = bucket;
-        so_far += 1;
-        turn = (turn + 1) % BUCKETS;
-    }
-    let rows = distance[padded..].chunks(padded).zip(body.chunks(width));
-    rows.flat_map(|(row, body)| {
-        row[1..].iter().zip(body).map(|(distance, body)| if *body { *distance } else { u32::MAX })
-    })
-    .collect()
 }
 
 #[cfg(test)]

@@ -5,10 +5,11 @@ use common::geometry::fit::Parabola;
 use common::geometry::polyline;
 use glam::Vec2;
 
+use super::blob::Field;
 use super::crossing;
 use super::join::join;
 use super::mask::Mask;
-use super::partition::{Field, Part, Side};
+use super::partition::{Part, Side};
 use super::section::{Expected, Measured, Middle};
 use super::settle::{across_at, settle, settle_roughly};
 use super::tuft;
