@@ -305,8 +305,8 @@ mod tests {
             ("too_steep", |lifted, _| lifted.length_px = 30.0),
             ("outside", |lifted, _| lifted.within_region = false),
             ("unsure", |_, evidence| {
-                (evidence.root, evidence.tip) = (End::Shared, End::Lost);
-                (evidence.edges_seen, evidence.depth_noise_m) = (0.0, 3e-3);
+                (evidence.edges_seen, evidence.hidden, evidence.depth_noise_m) = (0.0, 1.0, 3e-3);
+                (evidence.tip_blunt, evidence.steepness) = (1.0, 2.0);
             }),
             ("no_shape", |lifted, _| lifted.knots_in_camera[0].position.x = f32::NAN),
         ];
