@@ -17,7 +17,7 @@ use capture_daemon::session::{Session, SessionParams};
 use capture_daemon::source::SourceError;
 use capture_daemon::stages::accumulate::Accumulation;
 use capture_daemon::stages::confidence::Evidence;
-use capture_daemon::stages::{blade, contour, lift, mask, partition, ribbon, skeleton};
+use capture_daemon::stages::{blade, contour, lift, mask, partition, presence, ribbon, skeleton};
 use capture_daemon::synth::{Clip, ClipParams, Family, Scene};
 
 /// Frames that are replayed to see whether memory stays flat.
@@ -93,7 +93,7 @@ fn main() -> anyhow::Result<()> {
     println!(
         "| presence (each frame) | {:.3} |",
         median_ms(200, || {
-            black_box(mask::presence(&fan[0], &params.pipeline.mask));
+            black_box(presence::presence(&fan[0], &params.pipeline.mask));
         })
     );
     stages(&held, &fan[16], &params.pipeline, steps.blades.len())?;

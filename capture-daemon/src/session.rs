@@ -4,7 +4,7 @@
 use crate::frame::DepthFrame;
 use crate::pipeline::{self, PipelineParams, Steps};
 use crate::stages::accumulate::Accumulation;
-use crate::stages::mask;
+use crate::stages::presence;
 use crate::station::{self, Effect, State, StationParams};
 
 /// What a session is told.
@@ -51,7 +51,7 @@ impl Session {
             self.held = None;
             self.state = State::Waiting;
         }
-        let seen = mask::presence(frame, mask);
+        let seen = presence::presence(frame, mask);
         let (state, effect) = station::step(self.state, seen, frame.timestamp_ns, &self.params.station);
         self.state = state;
         if effect == Effect::Idle {

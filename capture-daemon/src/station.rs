@@ -1,7 +1,7 @@
 //! The visitor's state machine: nothing is there; something is there and has to stand still; it has
 //! been captured. Pure: state, observation and time in, state and effect out.
 
-use crate::stages::mask::Presence;
+use crate::stages::presence::Presence;
 
 /// When a capture happens.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,8 +5,10 @@ use std::ops::RangeInclusive;
 
 use glam::Vec3;
 
-use super::mask::{self, MaskParams};
-use super::register::{Motion, Reference};
+use super::mask::MaskParams;
+use super::motion::Motion;
+use super::presence;
+use super::register::Reference;
 use crate::frame::DepthFrame;
 
 /// Parts of a count in which depths are added up: what moved by less than a count did move.
@@ -124,7 +126,7 @@ impl Accumulation {
             for (silent, counts) in self.silent[row.clone()].iter_mut().zip(readings) {
                 *silent += u16::from(*counts == 0);
             }
-            if mask::count(readings, window) == 0 {
+            if presence::count(readings, window) == 0 {
                 continue;
             }
             let sums = self.sum[row.clone()].iter_mut().zip(&mut self.squares[row.clone()]);

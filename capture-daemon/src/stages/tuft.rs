@@ -46,6 +46,7 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
         Ground::Lowest(lowest(mask, params.down))
     };
     while let Some(hub) = hub(mask, &blades, &ground, params.down) {
+        let before = blades.len();
         blades.retain(|blade| {
             let ribbon = &mut ribbons[blade.ribbon];
             let led = hub.is_reached_by(&blade.ray)
@@ -55,6 +56,10 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
                 };
             !led && blade.leads_to(hub.at) == 0.0
         });
+        // Its place is a compromise: it can be one that none of them leads to.
+        if blades.len() == before {
+            break;
+        }
     }
     if let Ground::Hand(from_hand) = &ground {
         // Those that lead to no common grip are gripped where they lead to.
