@@ -42,9 +42,10 @@ impl Default for HandParams {
 /// Finds the pixels of hands. All `false` where there is no hand. O(pixels).
 ///
 /// What is connected without a large step in depth is a body. Its thick parts, where these reach the
-/// border of the region, and what stands out from them by no more than a finger, are hand. Pieces tell
+/// border of the region and are large and round there, and what stands out from them by no more than a finger, are hand. Pieces tell
 /// what belongs together: a piece that lies mostly there is hand as a whole, knuckles and all, unless
-/// something long grows out of it; one that lies mostly elsewhere is a blade that the hand grips.
+/// something long grows out of it; one that lies mostly elsewhere is a blade that the hand grips, but for a
+/// round fist that many blades are of one piece with.
 pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool> {
     let mut hand = vec![false; mask.depth_m.len()];
     let view = View { mask, focal_px };

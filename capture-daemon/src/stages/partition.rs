@@ -56,8 +56,9 @@ impl Part {
 /// Divides one outline into blades.
 ///
 /// The distance from the root flows along the outline: its maxima are tips and the minima between
-/// them the gaps between blades. The root is where the blob leaves the region, else its lower end.
-/// Returns the blades in clockwise order from the root. O(pixels of the blob · log).
+/// them the gaps between blades. The root is where a hand grips the blob, else where it leaves the region, else its
+/// lower end.
+/// Returns the blades in clockwise order from the root. O(pixels of the blob).
 ///
 /// # Source
 /// Fan & Sheng §4.2. Departures: distance is measured within the blob from the root rather than
