@@ -26,6 +26,8 @@ struct Hub {
 
 /// A base is no smaller than this, pixels.
 const NEAR_PX: f32 = 15.0;
+/// What reaches farther beyond its base is another blade's.
+const BELOW_PX: f32 = 5.0;
 /// How far roots lie from their hub, one standard deviation: pixels and metres of depth.
 const ROOTS_PX: f32 = 4.0;
 const ROOTS_M: f32 = 0.006;
@@ -240,8 +242,19 @@ fn support(blades: &[Blade], point: Vec2) -> Option<(f32, f32)> {
         leading().filter(|(_, leads)| *leads > 0.0).map(|(ray, _)| ray.depth_at(point)).collect();
     depths.sort_by(f32::total_cmp);
     let hub = Hub { at: point, depth_m: *depths.get(depths.len() / 2)? };
-    let sum = leading().filter(|(ray, _)| hub.is_reached_by(ray)).map(|(_, leads)| leads).sum();
-    Some((sum, hub.depth_m))
+    let [mut sum, mut depth, mut total] = [0.0; 3];
+    for (ray, leads) in leading().filter(|(ray, _)| hub.is_reached_by(ray)) {
+        let sigma_m = led_by_m(ray.to(point).0.max(0.0)).hypot(ROOTS_M);
+        let weight = leads / (sigma_m * sigma_m);
+        (sum, depth, total) = (sum + leads, depth + weight * ray.depth_at(point), total + weight);
+    }
+    Some((sum, if total > 0.0 { depth / total } else { hub.depth_m }))
+}
+
+/// By how much the depth that a blade is led to is off after a distance in pixels, one standard deviation,
+/// metres: it bends.
+fn led_by_m(length_px: f32) -> f32 {
+    0.0005 + 6.0e-7 * length_px * length_px
 }
 
 /// Leads one ribbon to the hub if it can grow from there; whether it does.
@@ -249,7 +262,7 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
     let ray = &blade.ray;
     let (ahead, _) = ray.to(hub.at);
     // It ends by itself, before all others.
-    if ribbon.root == End::Free && ribbon.unsure == 0 && ahead.abs() < NEAR_PX {
+    if ribbon.root == End::Free && ribbon.unsure == 0 && (-BELOW_PX..NEAR_PX).contains(&ahead) {
         return true;
     }
     let lateral = (hub.at - ray.from).dot(ray.along.perp());
@@ -273,7 +286,7 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
     }
     let sure = &ribbon.sections[ribbon.unsure..];
     let bend = gap - ray.along * length;
-    let sigma_m = 0.0015 + 1.0e-4 * length;
+    let sigma_m = led_by_m(length);
     let depth_m = ray.depth_m + ray.climb_m * length;
     let of_hub = sigma_m * sigma_m / (sigma_m * sigma_m + ROOTS_M * ROOTS_M);
     let bow_m = (hub.depth_m - depth_m) * of_hub;
