@@ -19,6 +19,7 @@ pub mod presence;
 mod ray;
 mod register;
 pub mod ribbon;
+mod rootward;
 pub mod section;
 mod settle;
 pub mod skeleton;

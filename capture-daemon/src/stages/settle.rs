@@ -57,7 +57,8 @@ fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64,
     let mids: Vec<Vec2> =
         axis(|p| p.x).into_iter().zip(axis(|p| p.y)).map(|(x, y)| Vec2::new(x as f32, y as f32)).collect();
     // Where a blade is only guided, what is seen may be its neighbour's.
-    let of_it = |s: &Section| if s.guide_px.is_some() && s.edges_seen() == 0 { 0 } else { s.measured.readings };
+    let of_it =
+        |s: &Section| if s.guide_px.is_some() && s.edges_seen() == 0 { 0 } else { s.measured.readings };
     let readings: Vec<f64> = sections.iter().map(|s| f64::from(of_it(s))).collect();
     let mean = readings.iter().sum::<f64>() / readings.iter().filter(|r| **r > 0.0).count().max(1) as f64;
     let readings: Vec<f64> = readings.iter().map(|r| r / mean.max(1.0)).collect();

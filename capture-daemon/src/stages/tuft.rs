@@ -6,6 +6,7 @@ use super::hand;
 use super::mask::{self, Mask};
 use super::ray::Ray;
 use super::ribbon::{End, Ribbon, RibbonParams, Section};
+use super::rootward::Rootward;
 use super::section::Expected;
 
 /// A blade as far as it is sure, seen from its tip.
@@ -47,7 +48,7 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
     } else {
         Ground::Lowest(lowest(mask, params.down))
     };
-    while let Some(hub) = hub(mask, &blades, &ground, params.down) {
+    while let Some(hub) = hub(mask, ribbons, &blades, &ground, params.down) {
         let before = blades.len();
         blades.retain(|blade| {
             let ribbon = &mut ribbons[blade.ribbon];
@@ -146,11 +147,23 @@ impl Blade {
     fn leads_to(&self, point: Vec2) -> f32 {
         let (ahead, aside) = self.ray.to(point);
         let limit = 5.0 + 0.12 * ahead.max(0.0);
-        let back = 10.0 + self.ray.half_px;
+        let back = 20.0 + self.ray.half_px;
         if ahead < -back || ahead > 1.5 * self.ray.length as f32 + 20.0 || aside > limit {
             return 0.0;
         }
         1.0 - (aside / limit).powi(2)
+    }
+
+    /// Its way to the place nearest to a point, and how long that is, pixels.
+    fn way_to(&self, ribbon: &Ribbon, point: Vec2) -> Option<(Rootward, f32)> {
+        let sure = &ribbon.sections[ribbon.unsure..];
+        let mut length = self.ray.to(point).0;
+        let mut way = Rootward::of(sure, length)?;
+        for _ in 0..2 {
+            length += (point - way.at(0.0).0).dot(way.along());
+            way = Rootward::of(sure, length)?;
+        }
+        Some((way, length))
     }
 
     /// Where it runs into a hand, straight on.
@@ -182,7 +195,7 @@ impl Hub {
 }
 
 /// The base that most blades lead to.
-fn hub(mask: &Mask, blades: &[Blade], ground: &Ground, down: Vec2) -> Option<Hub> {
+fn hub(mask: &Mask, ribbons: &[Ribbon], blades: &[Blade], ground: &Ground, down: Vec2) -> Option<Hub> {
     let inside = |point: Vec2| mask.index_at(point).is_some_and(|index| mask.blobs.of[index] != 0);
     // The lower end of what is seen below a point, or a little above it.
     let bottom = |point: Vec2| {
@@ -210,24 +223,35 @@ fn hub(mask: &Mask, blades: &[Blade], ground: &Ground, down: Vec2) -> Option<Hub
         }
     }
     let (_, mut at) = best?;
+    let mut depth_m = 0.0;
     for _ in 0..4 {
-        // The point closest to all rays.
+        // The point closest to where all of them lead.
         let (mut matrix, mut vector) = (Mat2::ZERO, Vec2::ZERO);
-        for blade in blades {
-            let ray = &blade.ray;
-            let (ahead, _) = ray.to(at);
-            let weight = blade.leads_to(at) / (2.0 + 0.05 * ahead.max(0.0)).powi(2);
-            let across = ray.along.perp();
+        let (mut depth, mut total) = (0.0, 0.0);
+        let (_, median_m) = support(blades, at)?;
+        let so_far = Hub { at, depth_m: median_m };
+        for blade in blades.iter().filter(|blade| so_far.is_reached_by(&blade.ray)) {
+            let leads = blade.leads_to(at);
+            if leads == 0.0 || blade.echo {
+                continue;
+            }
+            let Some((way, _)) = blade.way_to(&ribbons[blade.ribbon], at) else { continue };
+            let weight = leads / (way.sigma_px.powi(2) + ROOTS_PX * ROOTS_PX);
+            let across = way.along().perp();
             let projector = Mat2::from_cols(across * across.x, across * across.y) * weight;
+            let (root, root_m) = way.at(0.0);
             matrix += projector;
-            vector += projector * ray.from;
+            vector += projector * root;
+            let weight = leads / (way.sigma_m.powi(2) + ROOTS_M * ROOTS_M);
+            (depth, total) = (depth + weight * root_m, total + weight);
         }
-        if matrix.determinant() < 1e-6 {
-            break;
+        if matrix.determinant() < 1e-9 {
+            return None;
         }
         at = matrix.inverse() * vector;
+        depth_m = depth / total;
     }
-    let (_, depth_m) = support(blades, at).filter(|(support, _)| *support > LEAST_SUPPORT)?;
+    support(blades, at).filter(|(support, _)| *support > LEAST_SUPPORT)?;
     if let Ground::Hand(_) = ground {
         return ground.has(mask, at, bottom, down).then_some(Hub { at, depth_m });
     }
@@ -242,19 +266,8 @@ fn support(blades: &[Blade], point: Vec2) -> Option<(f32, f32)> {
         leading().filter(|(_, leads)| *leads > 0.0).map(|(ray, _)| ray.depth_at(point)).collect();
     depths.sort_by(f32::total_cmp);
     let hub = Hub { at: point, depth_m: *depths.get(depths.len() / 2)? };
-    let [mut sum, mut depth, mut total] = [0.0; 3];
-    for (ray, leads) in leading().filter(|(ray, _)| hub.is_reached_by(ray)) {
-        let sigma_m = led_by_m(ray.to(point).0.max(0.0)).hypot(ROOTS_M);
-        let weight = leads / (sigma_m * sigma_m);
-        (sum, depth, total) = (sum + leads, depth + weight * ray.depth_at(point), total + weight);
-    }
-    Some((sum, if total > 0.0 { depth / total } else { hub.depth_m }))
-}
-
-/// By how much the depth that a blade is led to is off after a distance in pixels, one standard deviation,
-/// metres: it bends.
-fn led_by_m(length_px: f32) -> f32 {
-    0.0005 + 6.0e-7 * length_px * length_px
+    let sum = leading().filter(|(ray, _)| hub.is_reached_by(ray)).map(|(_, leads)| leads).sum();
+    Some((sum, hub.depth_m))
 }
 
 /// Leads one ribbon to the hub if it can grow from there; whether it does.
@@ -265,12 +278,13 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
     if ribbon.root == End::Free && ribbon.unsure == 0 && (-BELOW_PX..NEAR_PX).contains(&ahead) {
         return true;
     }
-    let lateral = (hub.at - ray.from).dot(ray.along.perp());
-    let sigma = 1.5 + 0.06 * ahead.max(0.0);
-    let of_hub = sigma * sigma / (sigma * sigma + ROOTS_PX * ROOTS_PX);
-    let target = ray.from + ray.along * ahead + ray.along.perp() * lateral * of_hub;
+    let Some((way, length)) = blade.way_to(ribbon, hub.at) else { return false };
+    let (root, root_m) = way.at(0.0);
+    let of_hub = |sigma: f32, roots: f32| sigma * sigma / (sigma * sigma + roots * roots);
+    let beside = way.along().perp();
+    let bend = beside * (hub.at - root).dot(beside) * of_hub(way.sigma_px, ROOTS_PX);
+    let target = root + bend;
     let gap = target - ray.from;
-    let length = gap.length();
     if ahead < 1.0 {
         let beyond = ribbon.sections.iter().take_while(|s| (s.expected.mid - target).dot(ray.along) > 0.0);
         let beyond = beyond.count();
@@ -281,15 +295,11 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
         }
         return false;
     }
-    if gap.dot(ray.along) < 0.85 * length {
+    if length < 1.0 || gap.dot(ray.along) < 0.85 * gap.length() {
         return false;
     }
     let sure = &ribbon.sections[ribbon.unsure..];
-    let bend = gap - ray.along * length;
-    let sigma_m = led_by_m(length);
-    let depth_m = ray.depth_m + ray.climb_m * length;
-    let of_hub = sigma_m * sigma_m / (sigma_m * sigma_m + ROOTS_M * ROOTS_M);
-    let bow_m = (hub.depth_m - depth_m) * of_hub;
+    let bow_m = (hub.depth_m - root_m) * of_hub(way.sigma_m, ROOTS_M);
     // What the width does at the end it does for a while.
     const MEMORY_PX: f32 = 25.0;
     let half_at = |s: f32| {
@@ -297,15 +307,20 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
         (ray.half_px + change).max(0.4 * ray.half_px)
     };
     let steps = length.ceil() as usize;
-    let mut way: Vec<Section> = (1..=steps)
+    let place = |t: f32| {
+        let (mid, depth_m) = way.at(length * (1.0 - t));
+        (mid + bend * t * t, depth_m + bow_m * t * t)
+    };
+    let mut led: Vec<Section> = (1..=steps)
         .map(|k| {
             let t = k as f32 / steps as f32;
-            let direction = -(ray.along * length + bend * 2.0 * t).normalize_or(ray.along);
+            let (mid, depth_m) = place(t);
+            let direction = (place(t - 0.5 / steps as f32).0 - mid).normalize_or(-ray.along);
             let expected = Expected {
-                mid: ray.from + ray.along * length * t + bend * t * t,
+                mid,
                 across: Vec2::new(-direction.y, direction.x),
                 half_px: half_at(length * t),
-                depth_m: ray.depth_m + ray.climb_m * length * t + bow_m * t * t,
+                depth_m,
                 ..sure[0].expected
             };
             let anchor = if k == steps { 1.0 } else { 0.01 };
@@ -319,13 +334,13 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
             section
         })
         .collect();
-    let open = way.iter().filter(|section| is_open(mask, section)).count();
+    let open = led.iter().filter(|section| is_open(mask, section)).count();
     if open as f32 > 3.0 + 0.15 * length {
         return false;
     }
-    way.reverse();
-    way.extend_from_slice(sure);
-    ribbon.sections = way;
+    led.reverse();
+    led.extend_from_slice(sure);
+    ribbon.sections = led;
     ribbon.root = End::Shared;
     ribbon.unsure = 0;
     true
