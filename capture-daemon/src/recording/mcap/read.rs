@@ -81,7 +81,10 @@ impl McapSource {
         self.channels = self.selection.channels.get(self.next_part).cloned().unwrap_or_default();
         self.next_part += 1;
         match part.reader() {
-            Ok(reader) => self.reader = Some(reader),
+            Ok(mut reader) => {
+                reader.expect_channels(self.channels.iter().copied());
+                self.reader = Some(reader);
+            }
             Err(why) => {
                 let what = format!("{} is {why}; it is left out", part.path.display());
                 self.warn(&what);
