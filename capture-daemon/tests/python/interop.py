@@ -82,7 +82,7 @@ def write(path, form):
     """Three frames, by `form`: `compression`, `chunked`, `summary`, `chunk_size` for the file;
     `topics` for the images; `encoding`, `padding`, `big_endian`, `stamp` for each image; `model` and
     `d` for the intrinsics, and `info`: "before" or "after" the first image, or "never"; `order`: of
-    the frames. Frame i has the stamp 1700000000.i·10⁸ and is logged a hundred million seconds later."""
+    the frames. Frame i has the stamp 1700000000 s + i·0.1 s and is logged a hundred million seconds later."""
     summary = form.get("summary", True)
     with open(path, "wb") as file:
         writer = Writer(io.BytesIO())
@@ -107,7 +107,7 @@ def write(path, form):
             }, log_time=log_time)
 
         for i in form.get("order", range(3)):
-            stamp = {"sec": 1_700_000_000, "nanosec": i * 100_000_000}
+            stamp = {"sec": 1_700_000_000 + i // 10, "nanosec": i % 10 * 100_000_000}
             if not form.get("stamp", True):
                 stamp = {"sec": 0, "nanosec": 0}
             header = {"stamp": stamp, "frame_id": "camera"}
