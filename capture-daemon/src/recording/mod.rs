@@ -184,6 +184,13 @@ fn not_a_recording(path: &Path, found: &str) -> OpenError {
     OpenError::NotARecording { path: path.to_owned(), found: found.to_owned() }
 }
 
+/// Opens a file that is part of a recording. Anything else that has a path, such as a pipe, is refused:
+/// reading it could take for ever.
+fn open_file(path: &Path) -> Result<File, std::io::Error> {
+    let is_file = fs::metadata(path)?.is_file();
+    if is_file { File::open(path) } else { Err(std::io::Error::other("it is not a regular file")) }
+}
+
 /// Reads up to the first usable frame.
 fn ensure_one_frame(path: &Path, source: &mut dyn FrameSource) -> Result<(), OpenError> {
     let mut reason = String::new();
