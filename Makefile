@@ -3,7 +3,7 @@ RECORDING ?=
 SECONDS ?= 60
 START ?= 0
 
-.PHONY: help demo test bench fuzz
+.PHONY: help demo test bench fuzz recordings
 
 help:
 	@echo 'make demo   grow a meadow from a shipped recording: in a window, else in picture files (demo-out/)'
@@ -11,6 +11,7 @@ help:
 	@echo 'make test   every check and every test'
 	@echo 'make fuzz   recordings, configurations and depth that nobody would make, SECONDS=60 of each kind;'
 	@echo '            START=case goes on behind the cases that were run before'
+	@echo 'make recordings   the shipped recordings anew, with their truth and checksums'
 	@echo 'make bench  times of the stages beside OpenCV, and the memory of a long replay'
 
 demo:
@@ -24,3 +25,6 @@ fuzz:
 
 bench:
 	@.ci/bench
+
+recordings:
+	@.ci/recordings

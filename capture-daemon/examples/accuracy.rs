@@ -5,12 +5,10 @@
 //! not depend on how many there are.
 
 use std::fmt::Write as _;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use capture_daemon::session::SessionParams;
-use capture_daemon::synth::accuracy::{ClipResult, Summary, measure};
-use capture_daemon::synth::{ClipParams, FAMILIES, Family, Scene};
+use capture_daemon::synth::accuracy::{Summary, measure};
+use capture_daemon::synth::{ClipParams, FAMILIES, Family, Scene, sweep};
 
 fn main() {
     let mut numbers = Vec::new();
@@ -27,7 +25,10 @@ fn main() {
     let wanted = |family: &Family| names.is_empty() || names.iter().any(|name| name == family.name());
     let mut table = format!("{}\n", Summary::MARKDOWN_HEAD);
     for family in FAMILIES.into_iter().filter(wanted) {
-        let summary = Summary::of(&measured(family, first, clips));
+        let summary = Summary::of(&sweep(first..first + clips, |seed| {
+            let clip = ClipParams { frames: Scene::new(family, seed).frames(), ..ClipParams::default() };
+            measure(family, seed, clip, &SessionParams::default()).expect("valid parameters")
+        }));
         println!("{:10}  {summary}", family.name());
         writeln!(table, "{}", summary.markdown_row(family.name())).expect("text has room");
     }
@@ -36,30 +37,4 @@ fn main() {
         let text = format!("{table}\nSeeds {first} to {last}. {}\n", Summary::LEGEND);
         std::fs::write(&path, text).unwrap_or_else(|error| panic!("{path} cannot be written: {error}"));
     }
-}
-
-/// The clips of some seeds in their order, measured on all processors.
-fn measured(family: Family, first: u64, clips: u64) -> Vec<ClipResult> {
-    let next = AtomicU64::new(first);
-    let results = Mutex::new(Vec::new());
-    let work = || {
-        loop {
-            let seed = next.fetch_add(1, Ordering::Relaxed);
-            if seed >= first + clips {
-                return;
-            }
-            let clip = ClipParams { frames: Scene::new(family, seed).frames(), ..ClipParams::default() };
-            let result = measure(family, seed, clip, &SessionParams::default()).expect("valid parameters");
-            results.lock().expect("no thread panicked").push(result);
-        }
-    };
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| {
-        for _ in 0..processors {
-            scope.spawn(work);
-        }
-    });
-    let mut results = results.into_inner().expect("no thread panicked");
-    results.sort_by_key(|result| result.seed);
-    results
 }

@@ -6,13 +6,10 @@
 //! of others (seeds from 20,000 on). With `--check`, the constants that are compiled in are checked on
 //! the others and nothing is fitted.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use capture_daemon::session::SessionParams;
 use capture_daemon::stages::confidence::{FEATURE_NAMES, FEATURES};
 use capture_daemon::synth::accuracy::{BAND_95, BladeError, ClipResult, measure};
-use capture_daemon::synth::{ClipParams, Family, Scene};
+use capture_daemon::synth::{ClipParams, Family, Scene, sweep};
 
 /// The families that are fitted: those with blades, but for sessions of several visitors, who are like those
 /// of [`Family::Held`].
@@ -72,7 +69,7 @@ fn main() {
 fn samples(first: u64, clips: u64) -> Vec<Sample> {
     let mut samples = Vec::new();
     for (index, family) in FITTED.into_iter().enumerate() {
-        let results = measured(family, first, clips);
+        let results = sweep(first..first + clips, |seed| measured(family, seed));
         samples.extend(results.iter().flat_map(|result| &result.matched).map(|blade| sample(index, blade)));
     }
     samples
@@ -85,42 +82,22 @@ fn sample(family: usize, blade: &BladeError) -> Sample {
     Sample { family, features: blade.quality.evidence.features(), errors_m, predicted_m }
 }
 
-/// Clips of some seeds, measured on all processors; one in eight is captured from a single frame, one in eight
-/// from a few. Nothing is refused for being unsure.
-fn measured(family: Family, first: u64, clips: u64) -> Vec<ClipResult> {
-    let next = AtomicU64::new(first);
-    let results = Mutex::new(Vec::new());
-    let work = || {
-        loop {
-            let seed = next.fetch_add(1, Ordering::Relaxed);
-            if seed >= first + clips {
-                return;
-            }
-            let scene = Scene::new(family, seed);
-            // As short as they can be to show their blades for longer than the hold.
-            let frames = if scene.visits.is_empty() { 26 } else { scene.frames() };
-            let mut params = SessionParams::default();
-            params.pipeline.accept.min_score = 0.0;
-            match seed % 8 {
-                // What a hand brings in is captured when it holds still, not on its way.
-                0 if scene.visits.is_empty() => params.station.hold_s = 0.0,
-                0 | 1 => params.station.hold_s = 0.15,
-                _ => {}
-            }
-            let clip = ClipParams { frames, ..ClipParams::default() };
-            let result = measure(family, seed, clip, &params).expect("valid parameters");
-            results.lock().expect("no thread panicked").push(result);
-        }
-    };
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| {
-        for _ in 0..processors {
-            scope.spawn(work);
-        }
-    });
-    let mut results = results.into_inner().expect("no thread panicked");
-    results.sort_by_key(|result| result.seed);
-    results
+/// A clip, measured; one in eight is captured from a single frame, one in eight from a few. Nothing is refused
+/// for being unsure.
+fn measured(family: Family, seed: u64) -> ClipResult {
+    let scene = Scene::new(family, seed);
+    // As short as they can be to show their blades for longer than the hold.
+    let frames = if scene.visits.is_empty() { 26 } else { scene.frames() };
+    let mut params = SessionParams::default();
+    params.pipeline.accept.min_score = 0.0;
+    match seed % 8 {
+        // What a hand brings in is captured when it holds still, not on its way.
+        0 if scene.visits.is_empty() => params.station.hold_s = 0.0,
+        0 | 1 => params.station.hold_s = 0.15,
+        _ => {}
+    }
+    let clip = ClipParams { frames, ..ClipParams::default() };
+    measure(family, seed, clip, &params).expect("valid parameters")
 }
 
 /// Quantile regression of ln |error|, all families counting the same: the exponents with which

@@ -206,6 +206,10 @@ pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError>
             reason: reason.to_string(),
         };
         let mut bytes = Vec::new();
+        // Reading a pipe could take for ever, and gives nothing the second time, at a reload.
+        if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
+            return Err(unreadable(std::io::Error::other("it is not a regular file")));
+        }
         let file = std::fs::File::open(path).map_err(unreadable)?;
         file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
         if bytes.len() as u64 > MAX_BYTES {

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use capture_daemon::config::Config;
 use capture_daemon::frame::{CameraModel, DepthFrame};
 use capture_daemon::recording::{self, CAMERA_INFO_TOPIC, Distortion, GivenCamera, IMAGE_TOPIC, OpenOptions};
 use capture_daemon::source::SourceError;
@@ -129,8 +130,114 @@ fn every_form_of_image_that_python_writes_is_read() {
         .map(|frame| DepthFrame { timestamp_ns: frame.timestamp_ns + 100_000_000_000_000_000, ..frame });
     check(&json!({"stamp": false}), &logged);
     check_refusal(&json!({"encoding": "rgb8"}), "/camera/depth/image_rect_raw (rgb8)");
-    // Frames come in the order of the file.
-    check(&json!({"order": [2, 0, 1]}), &[2, 0, 1].map(frame));
+}
+
+#[test]
+fn frames_that_python_writes_out_of_order_are_sorted() {
+    if !has_python() {
+        return;
+    }
+    for stamp in [true, false] {
+        let as_logged = |frame: DepthFrame| {
+            let later_ns = if stamp { 0 } else { 100_000_000_000_000_000 };
+            DepthFrame { timestamp_ns: frame.timestamp_ns + later_ns, ..frame }
+        };
+        let check_order = |order: &[u16], expected: &[u16]| {
+            let expected: Vec<DepthFrame> = expected.iter().map(|&i| as_logged(frame(i))).collect();
+            for form in [json!({}), json!({"chunked": false}), json!({"chunk_size": 100})] {
+                let mut form = form;
+                (form["order"], form["stamp"]) = (json!(order), json!(stamp));
+                check(&form, &expected);
+            }
+        };
+        check_order(&[2, 0, 1], &[0, 1, 2]);
+        check_order(&[1, 2, 3, 4, 5, 6, 7, 8, 0, 9], &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9]);
+        // The clock was set back by two seconds: no frame is lost, and none moved across that.
+        check_order(&[20, 22, 21, 0, 2, 1], &[20, 21, 22, 0, 1, 2]);
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = write(folder.path(), &json!({"order": [20, 22, 21, 0, 2, 1]}));
+    let info = recording::info(&path, &OpenOptions::default()).expect("a recording");
+    assert_eq!((info.frames, info.steps_back, info.damage), (6, 1, Vec::new()));
+}
+
+#[test]
+fn folders_that_python_writes_are_read() {
+    if !has_python() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    run(&["pictures", text(folder.path())]);
+    assert_eq!(read(folder.path(), &OpenOptions::default()).as_deref(), Ok(&[0, 1, 2].map(frame)[..]));
+
+    // rosbag2 goes on in the next file, at whose start it says all topics again.
+    let bag = tempfile::tempdir().expect("a folder");
+    for (name, form) in [
+        ("bag_0.mcap", json!({"order": [0, 1, 2]})),
+        ("bag_1.mcap", json!({"order": [4, 3], "compression": "LZ4"})),
+        ("bag_2.mcap", json!({"order": [5, 6], "chunked": false, "summary": false})),
+    ] {
+        run(&["write", text(&bag.path().join(name)), &form.to_string()]);
+    }
+    let expected = [0, 1, 2, 3, 4, 5, 6].map(frame);
+    let metadata = "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n  \
+        compression_format: \"\"\n  compression_mode: \"\"\n  relative_file_paths:\n    - bag_0.mcap\n    \
+        - bag_1.mcap\n    - bag_2.mcap\n";
+    for metadata in [None, Some(metadata)] {
+        if let Some(text) = metadata {
+            std::fs::write(bag.path().join("metadata.yaml"), text).expect("written");
+        }
+        assert_eq!(read(bag.path(), &OpenOptions::default()).as_deref(), Ok(&expected[..]));
+    }
+    let info = recording::info(bag.path(), &OpenOptions::default()).expect("a recording");
+    assert_eq!((info.files.len(), info.frames, info.steps_back), (3, 7, 0));
+    assert_eq!(info.topics["/camera/depth/image_rect_raw"].messages, 7);
+    assert_eq!(info.metadata["session"]["visitor"], "a child");
+}
+
+#[test]
+fn a_file_without_chunks_that_python_writes_is_read_on_behind_damage() {
+    if !has_python() {
+        return;
+    }
+    let all = [0, 1, 2, 3, 4, 5, 6, 7].map(frame);
+    for summary in [true, false] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let form = json!({"chunked": false, "summary": summary, "order": [0, 1, 2, 3, 4, 5, 6, 7]});
+        let whole = std::fs::read(write(folder.path(), &form)).expect("readable");
+        let (mut messages, mut at) = (Vec::new(), 8);
+        while at + 9 < whole.len() - 8 {
+            let len = u64::from_le_bytes(whole[at + 1..at + 9].try_into().expect("eight bytes")) as usize;
+            if whole[at] == 5 {
+                messages.push(at..at + 9 + len);
+            }
+            at += 9 + len;
+        }
+        assert_eq!(messages.len(), 16, "the image and the intrinsics of each frame");
+        let path = folder.path().join("damaged.mcap");
+        for (fill, len) in [(0xff, 12), (0, 40)] {
+            for at in (messages[2].start..messages[15].end - len).step_by(53) {
+                let mut bytes = whole.clone();
+                bytes[at..at + len].fill(fill);
+                std::fs::write(&path, bytes).expect("written");
+                let mut source = recording::open(&path, &OpenOptions::default()).expect("a recording");
+                let mut frames = Vec::new();
+                loop {
+                    match source.next_frame() {
+                        Ok(frame) => frames.push(frame),
+                        Err(SourceError::BadFrame(_)) => {}
+                        Err(SourceError::End) => break,
+                        Err(error) => panic!("{error}"),
+                    }
+                }
+                for (i, frame) in all.iter().enumerate() {
+                    let image = &messages[2 * i];
+                    let touched = image.start < at + len && at < image.end;
+                    assert!(touched || frames.contains(frame), "frame {i}, {len} x {fill:#x} at byte {at}");
+                }
+            }
+        }
+    }
 }
 
 #[test]
@@ -251,6 +358,8 @@ fn what_we_write_python_reads() {
     assert!(file["longest_chunk_ns"].as_u64().expect("a number") < 1_000_000_000);
     assert_eq!(file["metadata"]["sward"]["depth_unit_m"], "0.001");
     assert_eq!(file["metadata"]["sward"]["sensor"], "Sward synthetic sensor");
+    let config = file["metadata"]["sward"]["config"].as_str().expect("text");
+    assert_eq!(toml::from_str(config), Ok(Config::default()));
     assert_eq!(messages.len(), 2 * 70);
     for (frame, pair) in clip.frames().zip(messages.chunks(2)) {
         let (info, image) = (&pair[0], &pair[1]);

@@ -285,3 +285,53 @@ fn real_depth_is_read() {
     assert_eq!((frames.len(), skipped.len()), (7, 0));
     assert!(frames.iter().all(|frame| (frame.width, frame.height) == (512, 424)));
 }
+
+/// A pipe within a folder would be waited for, for ever, by who opens it.
+#[cfg(unix)]
+#[test]
+fn pipes_and_devices_within_folders_are_not_read() {
+    use std::os::unix::fs::symlink;
+
+    let pipe = |path: &Path| {
+        let made = std::process::Command::new("mkfifo").arg(path).status().expect("mkfifo is there");
+        assert!(made.success());
+    };
+    let folder = picture_folder(CAMERA, &[("b.png", grey(4, 3, 700))]);
+    pipe(&folder.path().join("a.png"));
+    symlink("/dev/zero", folder.path().join("c.png")).expect("linked");
+    let (frames, skipped) = read(folder.path());
+    assert_eq!((frames.len(), skipped.len()), (1, 2));
+    assert!(skipped.iter().all(|why| why.contains("not a regular file")), "{skipped:?}");
+    let camera = folder.path().join("camera.toml");
+    fs::remove_file(&camera).expect("removed");
+    pipe(&camera);
+    assert!(recording::open(folder.path(), &OpenOptions::default()).is_err());
+
+    let bag = tempfile::tempdir().expect("a folder");
+    pipe(&bag.path().join("bag_0.mcap"));
+    pipe(&bag.path().join("metadata.yaml"));
+    let error = recording::open(bag.path(), &OpenOptions::default()).err().expect("refused").to_string();
+    assert!(error.contains("not a regular file"), "{error}");
+    let error = recording::recover(bag.path(), &bag.path().join("mended")).expect_err("nothing").to_string();
+    assert!(error.contains("not one frame"), "{error}");
+}
+
+#[test]
+fn what_cannot_be_written_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // What is in the way cannot be replaced.
+    let taken = folder.path().join("single-3.mcap");
+    fs::create_dir(&taken).expect("made");
+    fs::write(folder.path().join("single-3"), "in the way").expect("written");
+    for format in [Format::Mcap, Format::Png] {
+        let error =
+            format!("{:#}", synth::write(folder.path(), &small_clip(), format, 0).expect_err("refused"));
+        assert!(error.contains("single-3") && error.contains("check the"), "{error}");
+    }
+    let mut names: Vec<_> = fs::read_dir(folder.path())
+        .expect("readable")
+        .map(|entry| entry.expect("readable").file_name())
+        .collect();
+    names.sort();
+    assert_eq!(names, ["single-3", "single-3.mcap"]);
+}

@@ -3,8 +3,9 @@
 use std::path::Path;
 use std::process::Command;
 
+use capture_daemon::config::Config;
 use capture_daemon::frame::DepthFrame;
-use capture_daemon::recording::{self, OpenOptions};
+use capture_daemon::recording::{self, McapWriter, OpenOptions, RecordingParams};
 use capture_daemon::source::synthetic::SyntheticSource;
 use capture_daemon::source::{FrameSource, SourceError};
 use capture_daemon::synth::{Clip, ClipParams, FAMILIES, Family, Scene, Truth, TruthVisit};
@@ -299,4 +300,42 @@ fn shipped_recordings_are_what_their_truth_makes() {
         seen += 1;
     }
     assert!(seen >= 10, "{seen} recordings");
+}
+
+/// What `make recordings` makes is what lies there.
+#[test]
+fn shipped_recordings_are_those_of_the_command_that_makes_them() {
+    let script = std::fs::read_to_string(shipped().join("../.ci/recordings")).expect("readable");
+    let mut made = std::collections::BTreeSet::new();
+    for line in script.lines().filter_map(|line| line.strip_prefix("make_one ")) {
+        let mut words = line.split_whitespace();
+        let mut word = || words.next().expect("family, seed, frames");
+        let (name, frames) = (format!("{}-{}", word(), word()), word());
+        let truth = std::fs::read_to_string(shipped().join(format!("{name}.truth.json"))).expect("readable");
+        let truth: Truth = serde_json::from_str(&truth).expect("a truth");
+        assert_eq!(truth.frames.to_string(), frames, "{name}");
+        assert_eq!(truth.noise, if line.contains("--noise 0") { 0.0 } else { 1.0 }, "{name}");
+        made.insert(format!("{name}.mcap"));
+    }
+    let entries = std::fs::read_dir(shipped()).expect("readable");
+    let names = entries.map(|entry| entry.expect("readable").file_name().into_string().expect("UTF-8"));
+    assert_eq!(names.filter(|name| name.ends_with(".mcap")).collect::<std::collections::BTreeSet<_>>(), made);
+}
+
+/// One of them, as its own metadata say: the configuration that is the default may be another by now.
+#[test]
+fn a_shipped_recording_is_made_again_bit_for_bit() {
+    let path = shipped().join("single-5.mcap");
+    let info = recording::info(&path, &OpenOptions::default()).expect("a recording");
+    let entry = |key: &str| info.metadata["sward"][key].clone();
+    let config: Config =
+        toml::from_str(&entry("config")).expect("a configuration; `make recordings` mends it");
+    assert_eq!(config.refine.knots, 16);
+    let (sensor, serial) = (entry("sensor"), entry("serial"));
+    let params = RecordingParams { sensor, serial, config: entry("config"), compression_level: 19 };
+    let clip = clip(Family::Single, 5, ClipParams { noise: 0.0, frames: 24, ..ClipParams::default() });
+    let mut writer = McapWriter::new(std::io::Cursor::new(Vec::new()), params).expect("in memory");
+    clip.frames().for_each(|frame| writer.write(&frame).expect("in memory"));
+    let made = writer.finish().expect("in memory").into_inner();
+    assert!(made == std::fs::read(&path).expect("readable"), "{} bytes are others", made.len());
 }

@@ -53,6 +53,7 @@ pub(crate) fn forms() -> Vec<fn() -> mcap::WriteOptions> {
         || mcap::WriteOptions::new().compression(Some(mcap::Compression::Zstd)).chunk_size(Some(600)),
         || mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4)).chunk_size(Some(600)),
         || mcap::WriteOptions::new().use_chunks(false),
+        || mcap::WriteOptions::new().use_chunks(false).emit_summary_records(false),
         || mcap::WriteOptions::new().compression(None).emit_summary_records(false),
     ]
 }

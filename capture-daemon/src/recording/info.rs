@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::mcap::{Part, Record, RecordError};
 use super::recover::MAX_DAMAGE;
-use super::{Distortion, OpenError, OpenOptions, open_recording};
+use super::{Distortion, OpenError, OpenOptions, Recording, open_recording};
 use crate::frame::CameraModel;
 use crate::source::SourceError;
 
@@ -41,6 +41,8 @@ pub struct Info {
     pub skipped_frames: u64,
     /// Earliest and latest time of a frame, nanoseconds since 1970.
     pub times_ns: (u64, u64),
+    /// Frames that were taken before the one that they follow: the clock was set back.
+    pub steps_back: u64,
     /// Columns and rows of the first frame.
     pub size: (usize, usize),
     /// Metres of one count of the first frame.
@@ -60,17 +62,7 @@ pub struct Info {
 /// # Errors
 /// When it is missing, or not one frame of it can be read.
 pub fn info(path: &Path, options: &OpenOptions) -> Result<Info, OpenError> {
-    let mut recording = open_recording(path, options)?;
-    let first = loop {
-        match recording.source.next_frame() {
-            Ok(frame) => break Ok(frame),
-            Err(SourceError::BadFrame(_)) => {}
-            Err(error @ (SourceError::End | SourceError::Failed(_))) => break Err(error),
-        }
-    };
-    let first =
-        first.map_err(|error| OpenError::NoFrames { path: path.to_owned(), reason: format!("; {error}") })?;
-    let contents = recording.contents;
+    let Recording { contents, mut source } = open_recording(path, options)?;
     let mut info = Info {
         path: path.to_owned(),
         files: contents.parts,
@@ -79,18 +71,25 @@ pub fn info(path: &Path, options: &OpenOptions) -> Result<Info, OpenError> {
         frames: 0,
         skipped_frames: 0,
         times_ns: (u64::MAX, 0),
-        size: (first.width, first.height),
-        depth_unit_m: first.depth_unit_m,
-        camera: first.camera,
+        steps_back: 0,
+        size: (0, 0),
+        depth_unit_m: 0.0,
+        camera: CameraModel { fx: 0.0, fy: 0.0, cx: 0.0, cy: 0.0 },
         distortion: contents.distortion,
         metadata: BTreeMap::new(),
         damage: Vec::new(),
     };
-    let mut source = open_recording(path, options)?.source;
+    let mut before_ns = 0;
     loop {
         match source.next_frame() {
             Ok(frame) => {
+                if info.frames == 0 {
+                    info.size = (frame.width, frame.height);
+                    (info.depth_unit_m, info.camera) = (frame.depth_unit_m, frame.camera);
+                }
                 info.frames += 1;
+                info.steps_back += u64::from(frame.timestamp_ns < before_ns);
+                before_ns = frame.timestamp_ns;
                 let (first, last) = info.times_ns;
                 info.times_ns = (first.min(frame.timestamp_ns), last.max(frame.timestamp_ns));
             }
@@ -104,6 +103,10 @@ pub fn info(path: &Path, options: &OpenOptions) -> Result<Info, OpenError> {
                 break;
             }
         }
+    }
+    if info.frames == 0 {
+        let reason = info.damage.first().map(|damage| format!("; {damage}")).unwrap_or_default();
+        return Err(OpenError::NoFrames { path: path.to_owned(), reason });
     }
     for path in info.files.clone() {
         info.note_part(&Part { path });
@@ -190,6 +193,7 @@ impl Info {
             "skipped_frames": self.skipped_frames,
             "start_ns": self.times_ns.0,
             "end_ns": self.times_ns.1,
+            "steps_back": self.steps_back,
             "duration_s": self.duration_s(),
             "rate_hz": self.rate_hz(),
             "width": self.size.0,
@@ -224,6 +228,9 @@ impl fmt::Display for Info {
         match self.rate_hz() {
             Some(rate) => writeln!(to, ", {rate:.2} frames/s")?,
             None => writeln!(to)?,
+        }
+        if self.steps_back > 0 {
+            writeln!(to, "  clock       set back, {} times", self.steps_back)?;
         }
         writeln!(to, "  size        {}x{} px, {} m a count", self.size.0, self.size.1, self.depth_unit_m)?;
         writeln!(to, "  camera      fx {fx} px, fy {fy} px, cx {cx} px, cy {cy} px")?;

@@ -2,6 +2,7 @@
 
 mod cdr;
 mod distortion;
+mod in_order;
 mod info;
 mod mcap;
 mod open_error;
@@ -64,7 +65,9 @@ pub enum WriteError {
     #[error("the recording cannot be written ({0}); check the room on the disk")]
     Mcap(#[from] ::mcap::McapError),
     /// A PNG cannot be written.
-    #[error("{path}: cannot be written ({source})")]
+    #[error(
+        "{path}: cannot be written ({source}); check the folder, its permissions and the room on the disk"
+    )]
     Png {
         /// Where.
         path: PathBuf,
@@ -107,8 +110,9 @@ struct Recording {
 /// Opens a recording: a file by its first bytes, whatever its name; a folder with a `metadata.yaml` or
 /// with MCAP files but no PNGs as a rosbag2 one; any other folder as PNGs.
 ///
-/// Frames are read when asked for, in the order of the files. One that cannot be used is a
-/// [`SourceError::BadFrame`]; a file that is cut short ends with its last whole message and one warning
+/// Frames are read when asked for, in the order of their times: those of a file that are up to 8 frames and
+/// a second late are sorted in, and where its clock was set back farther, they go on in the order of
+/// the file. One that cannot be used is a [`SourceError::BadFrame`]; a file that is cut short ends with its last whole message and one warning
 /// in the log. A distortion of the lens is undone.
 ///
 /// # Errors
@@ -178,6 +182,13 @@ fn kind(path: &Path) -> Result<Kind, OpenError> {
 
 fn not_a_recording(path: &Path, found: &str) -> OpenError {
     OpenError::NotARecording { path: path.to_owned(), found: found.to_owned() }
+}
+
+/// Opens a file that is part of a recording. Anything else that has a path, such as a pipe, is refused:
+/// reading it could take for ever.
+fn open_file(path: &Path) -> Result<File, std::io::Error> {
+    let is_file = fs::metadata(path)?.is_file();
+    if is_file { File::open(path) } else { Err(std::io::Error::other("it is not a regular file")) }
 }
 
 /// Reads up to the first usable frame.

@@ -13,19 +13,21 @@
 //! after [`START_NS`].
 
 use std::fs::{self, File};
-use std::io::{BufReader, BufWriter, Write};
+use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use image::codecs::png::{PngDecoder, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageDecoder, ImageEncoder, Limits};
 use serde::{Deserialize, Serialize};
 
-use super::{Contents, Distortion, OpenError, Recording, START_NS, WriteError, ensure_one_frame};
+use super::{Contents, Distortion, OpenError, Recording, START_NS, WriteError, ensure_one_frame, open_file};
 use crate::frame::{CameraModel, DepthFrame, MAX_PIXELS};
 use crate::source::{FrameSource, SourceError};
 
 /// Name of the file with the intrinsics.
 const CAMERA_FILE: &str = "camera.toml";
+/// It is no longer than this: it has six numbers.
+const MAX_CAMERA_BYTES: u64 = 64 << 10;
 /// Longest side of a picture.
 const MAX_SIDE: u32 = 1280;
 /// Memory that decoding one picture may take.
@@ -50,13 +52,15 @@ fn default_fps() -> f64 {
 
 impl CameraFile {
     fn read(path: &Path) -> Result<Self, OpenError> {
-        let text = match fs::read_to_string(path) {
-            Ok(text) => text,
+        let mut text = String::new();
+        let read = open_file(path).and_then(|file| file.take(MAX_CAMERA_BYTES).read_to_string(&mut text));
+        match read {
+            Ok(_) => {}
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Err(OpenError::NoCameraFile { path: path.to_owned() });
             }
             Err(source) => return Err(OpenError::Io { path: path.to_owned(), source }),
-        };
+        }
         let error = |at: usize, reason: String| {
             let before = &text[..at];
             let line = before.matches('\n').count() + 1;
@@ -166,7 +170,7 @@ impl FrameSource for PngSource {
 
 /// Size and counts of a picture.
 fn read_picture(path: &Path) -> Result<((u32, u32), Vec<u16>), String> {
-    let file = BufReader::new(File::open(path).map_err(|error| format!("it cannot be read ({error})"))?);
+    let file = BufReader::new(open_file(path).map_err(|error| format!("it cannot be read ({error})"))?);
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     let damaged = |error| format!("it is not a whole PNG ({error})");

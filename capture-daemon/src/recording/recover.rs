@@ -9,7 +9,7 @@ use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{Attachment, McapError};
 
 use super::mcap::{ChunkSpan, Part, Record, RecordError, RecordReader, write_options};
-use super::{Kind, OpenError, kind, ros2};
+use super::{Kind, OpenError, kind, not_a_recording, png_sequence, ros2};
 
 /// Most schemas, channels or metadata records that are kept: what is remembered is bounded, whatever
 /// the file says.
@@ -71,6 +71,10 @@ pub(super) const MAX_DAMAGE: usize = 16;
 /// When `from` cannot be read or holds not one image, when `to` exists, when it cannot be written.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
     let Kind::Mcap(parts) = kind(from)? else {
+        let io = |source| OpenError::Io { path: from.to_owned(), source };
+        if png_sequence::pictures(from).map_err(io)?.is_empty() {
+            return Err(RecoverError::Open(not_a_recording(from, "a folder without MCAP files")));
+        }
         return Err(RecoverError::Open(OpenError::Unsupported {
             path: from.to_owned(),
             found: "a folder of pictures".to_owned(),
@@ -99,7 +103,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
     for part in &parts {
         rewriter.take_part(part, parts.len() > 1).map_err(|error| match error {
             TakeError::Read(source) => RecoverError::Read { path: part.path.clone(), source },
-            TakeError::Write(error) => refused(error.to_string()),
+            TakeError::Write(error) => refused(with_sources(&error)),
         })?;
     }
     let Rewriter { mut writer, recovered, .. } = rewriter;
@@ -107,7 +111,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
         let reason = recovered.damage.first().map(|damage| format!("; {damage}")).unwrap_or_default();
         return Err(RecoverError::Open(OpenError::NoFrames { path: from.to_owned(), reason }));
     }
-    writer.finish().map_err(|error| refused(error.to_string()))?;
+    writer.finish().map_err(|error| refused(with_sources(&error)))?;
     let part = writer.into_inner().into_inner().map_err(|error| refused(error.to_string()))?;
     part.as_file().sync_all().map_err(|error| refused(error.to_string()))?;
     part.persist_noclobber(to).map_err(|error| match error.error.kind() {
@@ -115,6 +119,12 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
         _ => refused(error.error.to_string()),
     })?;
     Ok(recovered)
+}
+
+/// An error and what caused it, in which the system's reason stands.
+fn with_sources(error: &dyn std::error::Error) -> String {
+    let source = error.source().map(|source| format!(": {}", with_sources(source)));
+    format!("{error}{}", source.unwrap_or_default())
 }
 
 /// What the recording says of the conventions that it follows.

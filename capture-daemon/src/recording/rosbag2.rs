@@ -1,13 +1,13 @@
 //! Folders that `ros2 bag record` leaves behind: files in an order that `metadata.yaml` tells.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::OpenError;
 use super::mcap::Part;
+use super::{OpenError, open_file};
 
 /// The file that makes a folder a rosbag2 one.
 pub(super) const METADATA_FILE: &str = "metadata.yaml";
@@ -84,7 +84,7 @@ pub(super) fn parts(path: &Path) -> Result<Vec<Part>, OpenError> {
 
 fn read(path: &Path) -> Result<Information, String> {
     let mut text = String::new();
-    let file = File::open(path).map_err(|error| format!("it cannot be read ({error})"))?;
+    let file = open_file(path).map_err(|error| format!("it cannot be read ({error})"))?;
     file.take(MAX_BYTES).read_to_string(&mut text).map_err(|error| format!("it cannot be read ({error})"))?;
     let metadata: MetadataFile = serde_saphyr::from_str(&text).map_err(|error| {
         let error = error.without_snippet().to_string();

@@ -353,3 +353,6 @@ pub(super) fn is_open(mask: &Mask, section: &Section) -> bool {
     let behind = mask.depth_m[index] > section.expected.depth_m + 0.02;
     (nothing || behind) && !mask.unseen[index]
 }
+
+#[cfg(test)]
+mod tests;

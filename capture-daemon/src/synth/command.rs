@@ -131,21 +131,30 @@ pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
 /// # Errors
 /// When a file cannot be written.
 pub fn write(out: &Path, clip: &Clip, format: Format, compression_level: u32) -> anyhow::Result<PathBuf> {
-    std::fs::create_dir_all(out).with_context(|| format!("{}: the folder cannot be made", out.display()))?;
+    const REMEDY: &str = "check the path, its permissions and the room on the disk";
+    std::fs::create_dir_all(out)
+        .with_context(|| format!("{}: the folder cannot be made; {REMEDY}", out.display()))?;
     let name = format!("{}-{}", clip.scene().family.name(), clip.scene().seed);
     let path = match format {
         Format::Mcap => out.join(format!("{name}.mcap")),
         Format::Png => out.join(&name),
     };
-    write_frames(&path, clip, format, compression_level)?;
+    write_frames(&path, clip, format, compression_level).map_err(|error| match error {
+        // It does not know where it is written to.
+        WriteError::Mcap(_) => anyhow::Error::new(error).context(path.display().to_string()),
+        named => named.into(),
+    })?;
     let truth_path = out.join(format!("{name}.truth.json"));
     let mut truth = serde_json::to_string(&Truth::of(clip)).context("the truth cannot be written as JSON")?;
     // One knot on a line: readable, and short.
     truth = truth.replace("{\"camera_m\"", "\n{\"camera_m\"").replace("{\"shape\"", "\n{\"shape\"");
     truth = truth.replace("{\"rotation\"", "\n{\"rotation\"");
     truth.push('\n');
-    std::fs::write(&truth_path, truth)
-        .with_context(|| format!("{}: cannot be written", truth_path.display()))?;
+    let part = truth_path.with_extension("json.part");
+    if let Err(error) = std::fs::write(&part, truth).and_then(|()| std::fs::rename(&part, &truth_path)) {
+        let _gone = std::fs::remove_file(&part);
+        return Err(error).context(format!("{}: cannot be written; {REMEDY}", truth_path.display()));
+    }
     Ok(path)
 }
 
@@ -168,8 +177,18 @@ fn write_frames(path: &Path, clip: &Clip, format: Format, compression_level: u32
             }
         }
         Format::Png => {
-            let mut writer = PngWriter::create(path, clip.params().fps)?;
-            clip.frames().try_for_each(|frame| writer.write(&frame))?;
+            if path.read_dir().is_ok_and(|mut entries| entries.next().is_some()) {
+                return Err(WriteError::NotEmpty { path: path.to_owned() });
+            }
+            let part = path.with_extension("part");
+            let _gone = std::fs::remove_dir_all(&part);
+            let written = PngWriter::create(&part, clip.params().fps)
+                .and_then(|mut writer| clip.frames().try_for_each(|frame| writer.write(&frame)));
+            let refused = |source| WriteError::Io { path: path.to_owned(), source };
+            if let Err(error) = written.and_then(|()| std::fs::rename(&part, path).map_err(refused)) {
+                let _gone = std::fs::remove_dir_all(&part);
+                return Err(error);
+            }
         }
     }
     Ok(())

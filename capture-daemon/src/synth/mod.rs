@@ -21,6 +21,7 @@ pub mod refinement;
 mod scene;
 mod sensor;
 mod surface;
+mod sweep;
 mod truth;
 
 pub use blade::{SECTIONS, SHAPES, Section, Shape, SyntheticBlade};
@@ -30,4 +31,5 @@ pub use held::Visit;
 pub use motion::{Pose, VisitFrames};
 pub use scene::{FAMILIES, Family, Scene};
 pub use sensor::{BACKGROUND_M, DEPTH_UNIT_M};
+pub use sweep::sweep;
 pub use truth::{TRUTH_KNOTS, Truth, TruthBlade, TruthCamera, TruthKnot, TruthPose, TruthVisit};

@@ -2,6 +2,7 @@
 
     interop.py check                     exits 0 when the packages are there
     interop.py write FILE FORM           writes frames; FORM is JSON, see `write`
+    interop.py pictures FOLDER           writes the same three frames as PNGs with a camera.toml
     interop.py whole FILE                prints, for each length that the file can be cut to, how many
                                          images are whole by then, as a JSON list
     interop.py read FILE                 prints what is in a file, one JSON line per message
@@ -9,8 +10,10 @@
 
 import io
 import json
+import pathlib
 import struct
 import sys
+import zlib
 
 import lz4.frame
 import zstandard
@@ -82,7 +85,7 @@ def write(path, form):
     """Three frames, by `form`: `compression`, `chunked`, `summary`, `chunk_size` for the file;
     `topics` for the images; `encoding`, `padding`, `big_endian`, `stamp` for each image; `model` and
     `d` for the intrinsics, and `info`: "before" or "after" the first image, or "never"; `order`: of
-    the frames. Frame i has the stamp 1700000000.i·10⁸ and is logged a hundred million seconds later."""
+    the frames. Frame i has the stamp 1700000000 s + i·0.1 s and is logged a hundred million seconds later."""
     summary = form.get("summary", True)
     with open(path, "wb") as file:
         writer = Writer(io.BytesIO())
@@ -107,7 +110,7 @@ def write(path, form):
             }, log_time=log_time)
 
         for i in form.get("order", range(3)):
-            stamp = {"sec": 1_700_000_000, "nanosec": i * 100_000_000}
+            stamp = {"sec": 1_700_000_000 + i // 10, "nanosec": i % 10 * 100_000_000}
             if not form.get("stamp", True):
                 stamp = {"sec": 0, "nanosec": 0}
             header = {"stamp": stamp, "frame_id": "camera"}
@@ -125,6 +128,21 @@ def write(path, form):
                 write_info(header, log_time)
         writer.add_metadata("session", {"visitor": "a child"})
         writer.finish()
+
+
+def pictures(folder):
+    """PNG as its specification has it: big-endian, each row behind the number of its filter, here 0."""
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    for i in range(3):
+        data, step = pixels({"big_endian": True}, i)
+        rows = b"".join(b"\0" + data[row * step:(row + 1) * step] for row in range(HEIGHT))
+        png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", WIDTH, HEIGHT, 16, 0, 0, 0, 0))
+        png += chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+        pathlib.Path(folder, f"depth_{i}.png").write_bytes(png)
+    camera = "fx = 571.5\nfy = 572.5\ncx = 9.25\ncy = 5.75\ndepth_unit_m = 0.001\nfps = 10\n"
+    pathlib.Path(folder, "camera.toml").write_text(camera)
 
 
 def records(data):
@@ -228,6 +246,8 @@ if __name__ == "__main__":
             pass
         case ["write", path, form]:
             write(path, json.loads(form))
+        case ["pictures", folder]:
+            pictures(folder)
         case ["whole", path]:
             whole(path)
         case ["read", path]:

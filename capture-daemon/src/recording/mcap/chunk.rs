@@ -1,9 +1,6 @@
-//! The header of a chunk, and how to find a chunk where the way to it is lost.
-
-use std::io::{Read, Seek, SeekFrom};
+//! The header of a chunk.
 
 use super::record::{Fields, op};
-use super::records::FRAMING_LEN;
 
 /// start_time, end_time, uncompressed_size, uncompressed_crc.
 const FIXED_LEN: u64 = 8 + 8 + 8 + 4;
@@ -85,38 +82,9 @@ impl ChunkHeader {
     }
 }
 
-/// Finds the first chunk that begins at byte `from` or behind: one whose two lengths agree, whose
-/// compression is known and whose first time is not behind its last. O(bytes up to it).
-pub(super) fn find<R: Read + Seek>(
-    input: &mut R,
-    from: u64,
-    file_len: u64,
-) -> Result<Option<u64>, std::io::Error> {
-    const BLOCK_LEN: usize = 64 << 10;
-    const OVERLAP: usize = (FRAMING_LEN + MAX_HEADER_LEN) as usize;
-    let mut block = Vec::with_capacity(BLOCK_LEN + OVERLAP);
-    let mut block_at = from;
-    input.seek(SeekFrom::Start(from))?;
-    loop {
-        let known = block.len();
-        let left = file_len.saturating_sub(block_at + known as u64);
-        let wanted = left.min((BLOCK_LEN + OVERLAP - known) as u64);
-        input.by_ref().take(wanted).read_to_end(&mut block)?;
-        let found = (0..block.len()).find(|&at| block[at] == op::CHUNK && begins_a_chunk(&block[at..]));
-        if let Some(at) = found {
-            return Ok(Some(block_at + at as u64));
-        }
-        if block.len() == known || block.len() <= OVERLAP {
-            return Ok(None);
-        }
-        // A header may begin in this block and end in the next.
-        let passed = block.len() - OVERLAP;
-        block_at += passed as u64;
-        block.drain(..passed);
-    }
-}
-
-fn begins_a_chunk(bytes: &[u8]) -> bool {
+/// Whether a chunk begins with these bytes: one whose two lengths agree, whose compression is known and
+/// whose first time is not behind its last.
+pub(super) fn begins_a_chunk(bytes: &[u8]) -> bool {
     let mut fields = Fields(&bytes[1..]);
     let (Some(len), rest) = (fields.u64(), fields.0) else { return false };
     let Ok(header) = ChunkHeader::parse(rest) else { return false };
@@ -128,6 +96,8 @@ fn begins_a_chunk(bytes: &[u8]) -> bool {
 mod tests {
     use std::io::Cursor;
 
+    use super::super::records::FRAMING_LEN;
+    use super::super::resume::{Proof, Seen, find};
     use super::*;
 
     fn header(compression: Compression) -> ChunkHeader {
@@ -152,10 +122,14 @@ mod tests {
             let mut bytes = vec![op::CHUNK; at];
             bytes.extend(&chunk);
             let len = bytes.len() as u64;
-            assert_eq!(find(&mut Cursor::new(&bytes), 0, len).expect("in memory"), Some(at as u64));
-            assert_eq!(find(&mut Cursor::new(&bytes), at as u64 + 1, len).expect("in memory"), None);
+            let found = |from, len| {
+                let input = &mut Cursor::new(&bytes);
+                find(input, (from, len), len, &Seen::default(), Proof::Next).expect("in memory")
+            };
+            assert_eq!(found(0, len), Some(at as u64));
+            assert_eq!(found(at as u64 + 1, len), None);
             // A header that is not whole is none.
-            assert_eq!(find(&mut Cursor::new(&bytes), 0, len - 1).expect("in memory"), None);
+            assert_eq!(found(0, len - 1), None);
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Reading goes over a file three times at most, with one record or one chunk in memory: a survey of
 //! its topics and intrinsics (of a whole file: its summary and its first messages), a look for one good
-//! frame, and the replay itself. Frames come in the order of the file.
+//! frame, and the replay itself, which puts frames in the order of their times.
 //!
 //! # Things we don't support
 //! Messages that are compressed one by one, `ros2idl` schemas, and intrinsics that change within a
@@ -13,6 +13,7 @@ mod part;
 mod read;
 mod record;
 mod records;
+mod resume;
 mod survey;
 mod write;
 

@@ -5,6 +5,7 @@ use std::io::{BufReader, Read};
 use std::path::PathBuf;
 
 use super::records::{MAGIC, RecordReader};
+use crate::recording::open_file;
 
 /// One file of a recording.
 #[derive(Clone, Debug)]
@@ -33,11 +34,8 @@ pub(in crate::recording) enum PartError {
 impl Part {
     /// Reads its records from the first one.
     pub(in crate::recording) fn reader(&self) -> Result<RecordReader<BufReader<File>>, PartError> {
-        let mut file = File::open(&self.path)?;
+        let mut file = open_file(&self.path)?;
         let metadata = file.metadata()?;
-        if !metadata.is_file() {
-            return Err(PartError::NotMcap);
-        }
         let mut start = Vec::new();
         file.by_ref().take(MAGIC.len() as u64).read_to_end(&mut start)?;
         match start.as_slice() {

@@ -11,6 +11,7 @@ use super::survey::{Selection, survey};
 use super::{DEPTH_UNIT_KEY, METADATA_NAME, Part};
 use crate::frame::DepthFrame;
 use crate::recording::distortion::Rectifier;
+use crate::recording::in_order::InOrder;
 use crate::recording::ros2::Image;
 use crate::recording::{Contents, OpenError, OpenOptions, Recording, ensure_one_frame};
 use crate::source::{FrameSource, SourceError};
@@ -30,7 +31,7 @@ pub(in crate::recording) fn open(
         distortion: info.distortion.clone(),
         parts: parts.iter().map(|part| part.path.clone()).collect(),
     };
-    Ok(Recording { contents, source: Box::new(source(false)) })
+    Ok(Recording { contents, source: Box::new(InOrder::new(source(false))) })
 }
 
 /// The files of a recording as a source of frames.
@@ -81,7 +82,10 @@ impl McapSource {
         self.channels = self.selection.channels.get(self.next_part).cloned().unwrap_or_default();
         self.next_part += 1;
         match part.reader() {
-            Ok(reader) => self.reader = Some(reader),
+            Ok(mut reader) => {
+                reader.expect_channels(self.channels.iter().copied());
+                self.reader = Some(reader);
+            }
             Err(why) => {
                 let what = format!("{} is {why}; it is left out", part.path.display());
                 self.warn(&what);

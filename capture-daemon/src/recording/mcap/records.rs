@@ -3,7 +3,8 @@
 //! The file's own framing is read here, so that no length in it is believed beyond the end of the
 //! file; compressed chunks are handed to the `mcap` crate. A chunk that is whole gives its records only
 //! if its checksum is right; of one that is cut off, whatever records can still be decompressed. Where
-//! the framing itself is damaged, reading goes on with the next chunk.
+//! the framing itself is damaged, reading goes on with the next chunk or, in a file without chunks, with the
+//! next record that fits what was read before.
 
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 
@@ -11,6 +12,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::chunk::{self, ChunkHeader};
 use super::record::{Fields, MAX_RECORD_LEN, Record, matters, op, parse};
+use super::resume::{self, BEGINNING_LEN, Proof, Seen, is_ending};
 
 /// The bytes that an MCAP file begins and ends with.
 pub(in crate::recording) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
@@ -74,6 +76,7 @@ pub(in crate::recording) struct RecordReader<R> {
     place: Place,
     chunk: LinearReader,
     buffer: Vec<u8>,
+    seen: Seen,
 }
 
 impl<R: Read + Seek> RecordReader<R> {
@@ -81,7 +84,13 @@ impl<R: Read + Seek> RecordReader<R> {
     pub(super) fn new(mut input: R, file_len: u64) -> Result<Self, std::io::Error> {
         let position = input.seek(SeekFrom::Start(MAGIC.len() as u64))?;
         let chunk = chunk_reader(false);
-        Ok(Self { input, file_len, position, place: Place::File, chunk, buffer: Vec::new() })
+        let (buffer, seen) = (Vec::new(), Seen::default());
+        Ok(Self { input, file_len, position, place: Place::File, chunk, buffer, seen })
+    }
+
+    /// Expects messages on these channels, of which nothing may have been read.
+    pub(super) fn expect_channels(&mut self, channels: impl IntoIterator<Item = u16>) {
+        self.seen.channels.extend(channels);
     }
 
     /// Goes on with the file's first record.
@@ -170,7 +179,7 @@ impl<R: Read + Seek> RecordReader<R> {
             }
             // The summary says again what was said, and statistics. Reading goes on to it only from
             // `go_to_summary`, so the data's end is the end.
-            op::DATA_END | op::FOOTER => {
+            op::DATA_END | op::FOOTER if is_ending(opcode, len) => {
                 self.place = Place::End;
                 let whole = self.ends_in(MAGIC)?;
                 if whole { Ok(None) } else { Err(self.cut_short(self.file_len)) }
@@ -178,8 +187,19 @@ impl<R: Read + Seek> RecordReader<R> {
             // No record is of kind 0: a system that lost its power leaves zeros at a file's end.
             0 => Err(self.resume(at, "its kind is 0")?),
             _ if end > self.file_len => Err(self.resume(at, "its length is wrong")?),
+            op::DATA_END | op::FOOTER => Err(self.resume(at, "its length is wrong")?),
             _ if matters(opcode, len) => {
+                if opcode == op::MESSAGE
+                    && let Some(within) = self.first_within(at, end)?
+                {
+                    self.skip_to(within)?;
+                    let reason = "its length is wrong".into();
+                    return Err(RecordError::Damaged { what: "record", at, reason });
+                }
                 self.read(len, at)?;
+                if matches!(self.place, Place::File) {
+                    self.seen.note(opcode, &self.buffer);
+                }
                 Ok(Some(opcode))
             }
             _ => {
@@ -189,11 +209,12 @@ impl<R: Read + Seek> RecordReader<R> {
         }
     }
 
-    /// Goes on with the first chunk behind a record that cannot be read; without one, the file is cut
-    /// short there.
+    /// Goes on with the first chunk or record behind a record that cannot be read; without one, the file is
+    /// cut short there.
     fn resume(&mut self, at: u64, reason: &str) -> Result<RecordError, std::io::Error> {
-        let from = at + 1;
-        Ok(match chunk::find(&mut self.input, from, self.file_len)? {
+        let behind = (at + 1, self.file_len);
+        let proof = Proof::NextOrBefore;
+        Ok(match resume::find(&mut self.input, behind, self.file_len, &self.seen, proof)? {
             Some(next) => {
                 self.place = Place::File;
                 self.skip_to(next)?;
@@ -203,11 +224,39 @@ impl<R: Read + Seek> RecordReader<R> {
         })
     }
 
+    /// The first chunk from a byte on. The reader then stands anywhere.
+    fn find_chunk(&mut self, from: u64) -> Result<Option<u64>, std::io::Error> {
+        let behind = (from, self.file_len);
+        resume::find(&mut self.input, behind, self.file_len, &Seen::chunks_only(), Proof::Next)
+    }
+
+    /// The first record within a message outside of chunks that begins at `at` and seems to end at `end`,
+    /// where no record begins: its length is wrong then. The reader stands behind its framing.
+    fn first_within(&mut self, at: u64, end: u64) -> Result<Option<u64>, std::io::Error> {
+        let room = self.file_len - end;
+        if !matches!(self.place, Place::File) || self.seen.chunks || room < FRAMING_LEN {
+            return Ok(None);
+        }
+        let ahead = i64::try_from(end - self.position).unwrap_or(i64::MAX);
+        let mut next = Vec::new();
+        // Not `seek`, which would empty the buffer for each of many short messages.
+        self.input.seek_relative(ahead)?;
+        self.input.by_ref().take(BEGINNING_LEN).read_to_end(&mut next)?;
+        if self.seen.can_begin(&next, room) {
+            self.input.seek_relative(-ahead - next.len() as i64)?;
+            return Ok(None);
+        }
+        let position = self.position;
+        let found = resume::find(&mut self.input, (at + 1, end), self.file_len, &self.seen, Proof::Next)?;
+        self.skip_to(position)?;
+        Ok(found)
+    }
+
     /// Enters the chunk record that begins at `at` and ends at `end`; the reader stands behind its
     /// framing.
     fn enter_chunk(&mut self, at: u64, end: u64) -> Result<(), RecordError> {
         let torn = end > self.file_len;
-        if torn && let Some(next) = chunk::find(&mut self.input, at + 1, self.file_len)? {
+        if torn && let Some(next) = self.find_chunk(at + 1)? {
             self.skip_to(next)?;
             return Err(damaged_chunk(at, "its length is wrong"));
         }
@@ -215,7 +264,7 @@ impl<R: Read + Seek> RecordReader<R> {
         self.read(chunk::MAX_HEADER_LEN.min(end.min(self.file_len) - self.position), at)?;
         let header = match ChunkHeader::parse(&self.buffer) {
             Ok(header) => header,
-            Err(_) if torn => return Err(self.cut_short(at)),
+            Err(reason) if torn => return Err(self.resume(at, &reason)?),
             Err(reason) => {
                 self.skip_to(end)?;
                 return Err(damaged_chunk(at, reason));
@@ -227,6 +276,7 @@ impl<R: Read + Seek> RecordReader<R> {
             self.skip_to(end.min(self.file_len))?;
             return Err(damaged_chunk(at, "its data reach beyond it"));
         }
+        self.seen.chunks = true;
         let chunk = Chunk { start: at, header, data_start, data_end, end, torn, given: false };
         if header.is_compressed() {
             return Ok(self.begin_compressed(chunk)?);
@@ -297,7 +347,7 @@ impl<R: Read + Seek> RecordReader<R> {
     /// Whether the file ends as one does that a system made longer and lost its power before writing:
     /// without a chunk at byte `from` or behind, and with zeros. The reader then stands anywhere.
     fn ends_in_zeros(&mut self, from: u64) -> Result<bool, std::io::Error> {
-        Ok(self.ends_in(&[0; 64])? && chunk::find(&mut self.input, from, self.file_len)?.is_none())
+        Ok(self.ends_in(&[0; 64])? && self.find_chunk(from)?.is_none())
     }
 
     /// Whether these are the last bytes of the file. The reader then stands anywhere.
