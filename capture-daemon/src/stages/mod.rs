@@ -12,6 +12,7 @@ mod crossing;
 pub mod hand;
 mod join;
 pub mod lift;
+pub mod margin;
 pub mod mask;
 mod motion;
 pub mod partition;
