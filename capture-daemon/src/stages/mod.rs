@@ -23,4 +23,5 @@ pub mod ribbon;
 pub mod section;
 mod settle;
 pub mod skeleton;
+mod stem;
 mod tuft;
