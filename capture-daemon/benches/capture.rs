@@ -17,7 +17,7 @@ use capture_daemon::session::{Session, SessionParams};
 use capture_daemon::source::SourceError;
 use capture_daemon::stages::accumulate::Accumulation;
 use capture_daemon::stages::confidence::Evidence;
-use capture_daemon::stages::{blade, contour, lift, mask, partition, presence, ribbon, skeleton};
+use capture_daemon::stages::{blade, contour, lift, margin, mask, partition, presence, ribbon, skeleton};
 use capture_daemon::synth::{Clip, ClipParams, Family, Scene};
 
 /// Frames that are replayed to see whether memory stays flat.
@@ -126,10 +126,17 @@ fn stages(
     let lifted: Vec<_> = timed("lift", || {
         skeletons.iter().map(|(ribbon, s)| (*ribbon, lift::lift(&mask, s, &frame.camera))).collect()
     });
+    let window_m = [params.mask.near_m as f32, params.mask.far_m as f32];
     let accepted: Vec<_> = lifted
         .iter()
-        .map(|(ribbon, lifted)| (lifted, Evidence::of(ribbon, lifted, mask.frames, mask.depth_noise_m)))
-        .filter(|(lifted, evidence)| blade::accept(lifted, evidence, &params.accept).is_ok())
+        .map(|(ribbon, lifted)| {
+            let evidence = Evidence::of(ribbon, lifted, mask.frames, mask.depth_noise_m);
+            (lifted, margin::look(&mask, ribbon, window_m), evidence)
+        })
+        .filter(|(lifted, margins, evidence)| {
+            blade::accept(lifted, margins, evidence, &params.accept).is_ok()
+        })
+        .map(|(lifted, _, evidence)| (lifted, evidence))
         .collect();
     let finished = timed("refine and blade", || {
         let finish = |(lifted, evidence): &(&lift::Lifted, Evidence)| {

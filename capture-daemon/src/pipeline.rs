@@ -10,6 +10,7 @@ use crate::stages::blob::Field;
 use crate::stages::confidence::Evidence;
 use crate::stages::contour::{self, Outline};
 use crate::stages::lift::{self, Lifted};
+use crate::stages::margin;
 use crate::stages::mask::{self, Mask, MaskParams};
 use crate::stages::partition::{self, Part, PartitionParams};
 use crate::stages::ribbon::{self, Ribbon, RibbonParams};
@@ -74,10 +75,12 @@ pub fn capture(
         ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon)?))).unzip();
     let lifted: Vec<Lifted> = skeletons.iter().map(|skeleton| lift::lift(&mask, skeleton, camera)).collect();
 
+    let window_m = [params.mask.near_m as f32, params.mask.far_m as f32];
     let (mut accepted, mut refused) = (Vec::new(), Vec::new());
     for (lifted, ribbon) in lifted.iter().zip(traced) {
         let evidence = Evidence::of(ribbon, lifted, mask.frames, mask.depth_noise_m);
-        match blade::accept(lifted, &evidence, &params.accept) {
+        let margins = margin::look(&mask, ribbon, window_m);
+        match blade::accept(lifted, &margins, &evidence, &params.accept) {
             Ok(()) => accepted.push((lifted, evidence)),
             Err(reason) => refused.push(reason),
         }

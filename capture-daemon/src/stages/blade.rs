@@ -7,6 +7,7 @@ use glam::{Affine3A, Vec3};
 
 use super::confidence::Evidence;
 use super::lift::Lifted;
+use super::margin::Margins;
 use crate::frame::CameraPose;
 
 /// Which blades are good enough to grow.
@@ -37,6 +38,9 @@ const MAX_M_PER_PX: f32 = 0.004;
 /// A blade that runs more steeply away from the camera than this, on average, cannot be measured:
 /// metres of midrib for a metre across the picture.
 const MAX_STEEPNESS: f32 = 4.0;
+
+/// An outline odder than this ([`Margins::oddity`]) is no blade's.
+const MAX_ODDITY: f32 = 2.4;
 
 /// How sure a blade is. Predictions are one standard deviation, calibrated against truth: see
 /// [`super::confidence`].
@@ -96,6 +100,13 @@ pub enum Refusal {
     /// About as wide as it is long.
     #[error("Please hold up a single blade or leaf with its tip free: this is too broad for one.")]
     TooBroad,
+    /// Its outline is that of a stretch of something larger: uneven, cut, or bent more tightly than it is
+    /// wide.
+    #[error("Please hold it clear of what is around it: its outline is not that of a single blade.")]
+    Ragged {
+        /// How odd its outline is, [`Margins::oddity`].
+        oddity: f32,
+    },
     /// Its midrib is not where anything was seen.
     #[error("Please spread the blades a little: too much of this one is hidden.")]
     Hidden,
@@ -128,6 +139,7 @@ impl Refusal {
             Self::TooNarrow { .. } => "too_narrow",
             Self::TooShort { .. } => "too_short",
             Self::TooBroad => "too_broad",
+            Self::Ragged { .. } => "ragged",
             Self::Hidden => "hidden",
             Self::TooSteep => "too_steep",
             Self::Outside => "outside",
@@ -141,7 +153,12 @@ impl Refusal {
 ///
 /// # Errors
 /// The reason why it is not.
-pub fn accept(lifted: &Lifted, evidence: &Evidence, params: &AcceptParams) -> Result<(), Refusal> {
+pub fn accept(
+    lifted: &Lifted,
+    margins: &Margins,
+    evidence: &Evidence,
+    params: &AcceptParams,
+) -> Result<(), Refusal> {
     if lifted.metres_per_px > MAX_M_PER_PX {
         return Err(Refusal::TooFar { metres_per_px: lifted.metres_per_px });
     }
@@ -162,6 +179,10 @@ pub fn accept(lifted: &Lifted, evidence: &Evidence, params: &AcceptParams) -> Re
     }
     if lifted.length_m < MIN_ASPECT * lifted.max_width_m() {
         return Err(Refusal::TooBroad);
+    }
+    let oddity = margins.oddity(lifted.length_px, lifted.length_m / lifted.max_width_m());
+    if oddity > MAX_ODDITY {
+        return Err(Refusal::Ragged { oddity });
     }
     let score = score(lifted, evidence);
     if score < params.min_score {
@@ -236,7 +257,7 @@ mod tests {
     use crate::stages::ribbon::End;
 
     /// A blade 0.15 m long and 9 mm wide that is seen well, half a metre away.
-    fn good() -> (Lifted, Evidence) {
+    fn good() -> (Lifted, Margins, Evidence) {
         let knot = |i: usize| Knot {
             position: Vec3::new(0.0, 0.15 * (0.5 - i as f32 / 127.0), 0.5),
             half_width_left: 0.0045 * (1.0 - i as f32 / 127.0),
@@ -267,23 +288,24 @@ mod tests {
             led: 0.0,
             steepness: 0.0,
         };
-        (lifted, evidence)
+        let margins = Margins { both: 1.0, cut: 0.0, unseen: 0.0, waver_px: 0.15, turning: 0.01 };
+        (lifted, margins, evidence)
     }
 
     /// What makes a blade worse.
-    type Change = fn(&mut Lifted, &mut Evidence);
+    type Change = fn(&mut Lifted, &mut Margins, &mut Evidence);
 
     /// What becomes of the good blade after a change.
     fn verdict(change: Change) -> Result<(), Refusal> {
-        let (mut lifted, mut evidence) = good();
-        change(&mut lifted, &mut evidence);
-        accept(&lifted, &evidence, &AcceptParams::default())?;
+        let (mut lifted, mut margins, mut evidence) = good();
+        change(&mut lifted, &mut margins, &mut evidence);
+        accept(&lifted, &margins, &evidence, &AcceptParams::default())?;
         finish(&lifted, evidence, 1, 0, &CameraPose::default(), &RefineParams::default()).map(|_| ())
     }
 
     #[test]
     fn each_code_can_be_produced_and_is_documented() {
-        assert_eq!(verdict(|_, _| ()), Ok(()));
+        assert_eq!(verdict(|_, _, _| ()), Ok(()));
         let document = include_str!("../../docs/refusals.md");
         let check = |code: &str, change: Change| {
             let refusal = verdict(change).expect_err("it is not good any more");
@@ -294,21 +316,22 @@ mod tests {
             let row = document.lines().find(|line| line.starts_with(&format!("| `{code}` |")));
             assert!(row.is_some_and(|row| row.contains(advice)), "{code} is not documented: {sentence}");
         };
-        let checks: [(&str, Change); 9] = [
-            ("too_far", |lifted, _| lifted.metres_per_px = 0.005),
-            ("too_narrow", |lifted, _| lifted.pixels_across = 2.0),
-            ("too_short", |lifted, _| (lifted.length_m, lifted.length_px) = (0.02, 22.0)),
-            ("too_broad", |lifted, _| {
+        let checks: [(&str, Change); 10] = [
+            ("too_far", |lifted, _, _| lifted.metres_per_px = 0.005),
+            ("too_narrow", |lifted, _, _| lifted.pixels_across = 2.0),
+            ("too_short", |lifted, _, _| (lifted.length_m, lifted.length_px) = (0.02, 22.0)),
+            ("too_broad", |lifted, _, _| {
                 lifted.knots_in_camera[3].half_width_left = 0.14;
             }),
-            ("hidden", |lifted, _| lifted.seen = 0.3),
-            ("too_steep", |lifted, _| lifted.length_px = 30.0),
-            ("outside", |lifted, _| lifted.within_region = false),
-            ("unsure", |_, evidence| {
+            ("ragged", |_, margins, _| (margins.waver_px, margins.both) = (0.8, 0.3)),
+            ("hidden", |lifted, _, _| lifted.seen = 0.3),
+            ("too_steep", |lifted, _, _| lifted.length_px = 30.0),
+            ("outside", |lifted, _, _| lifted.within_region = false),
+            ("unsure", |_, _, evidence| {
                 (evidence.edges_seen, evidence.hidden, evidence.depth_noise_m) = (0.0, 1.0, 3e-3);
                 (evidence.tip_blunt, evidence.steepness) = (1.0, 2.0);
             }),
-            ("no_shape", |lifted, _| lifted.knots_in_camera[0].position.x = f32::NAN),
+            ("no_shape", |lifted, _, _| lifted.knots_in_camera[0].position.x = f32::NAN),
         ];
         for (code, change) in checks {
             check(code, change);
@@ -319,7 +342,7 @@ mod tests {
 
     #[test]
     fn a_worse_view_gives_a_lower_score_and_larger_errors() {
-        let (lifted, good) = good();
+        let (lifted, _, good) = good();
         let worse = Evidence { edges_seen: 0.4, root: End::Lost, ..good };
         let [before, after] = [good, worse].map(|evidence| quality(&lifted, evidence, 0.0));
         assert!(after.score < before.score, "{before:?} {after:?}");

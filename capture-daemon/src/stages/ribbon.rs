@@ -12,6 +12,7 @@ use super::mask::Mask;
 use super::partition::{Part, Side};
 use super::section::{Expected, Measured, Middle};
 use super::settle::{across_at, settle, settle_roughly};
+use super::stem;
 use super::tuft;
 
 /// A cross-section of a ribbon, about a pixel from the next.
@@ -29,7 +30,7 @@ pub struct Section {
 }
 
 /// What an expected place counts where nothing is known of it.
-const ANCHOR: f32 = 0.004;
+pub(super) const ANCHOR: f32 = 0.004;
 
 /// How a ribbon ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,7 +89,9 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     join(mask, &mut ribbons, params);
     crossing::join(mask, &mut ribbons);
     ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
+    let attached = stem::attach(mask, &mut ribbons, fields);
     tuft::gather(mask, &mut ribbons, params);
+    ribbons.extend(attached);
     for ribbon in &mut ribbons {
         for wavelength_px in [18.0, 24.0, MIDRIB_WAVELENGTH_PX] {
             settle(mask, &mut ribbon.sections, wavelength_px);
@@ -151,7 +154,7 @@ fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonPar
 
 /// Sections at the root that come after a stretch too long without both edges, as seen from the tip,
 /// or after a jump of the width.
-fn unsure(sections: &[Section]) -> usize {
+pub(super) fn unsure(sections: &[Section]) -> usize {
     let (mut last, mut unclear, mut half) = (sections.len(), 0.0, None::<f32>);
     for (i, section) in sections.iter().enumerate().rev() {
         if section.guide_px.is_some() {

@@ -1,0 +1,369 @@
+//! Leaves along a stem: where each of them leaves it, and the way there through what they share.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use glam::Vec2;
+
+use super::blob::Field;
+use super::hand;
+use super::mask::{Mask, fine_step_m, neighbours};
+use super::ribbon::{End, Ribbon, Section, reverse, unsure};
+use super::section::Expected;
+
+/// Fewest leaves that tell where a stem is.
+const MIN_LEAVES: usize = 3;
+/// A stem is at least this many times as long as it is wide, from its root to its uppermost leaf: what
+/// blades of one tuft share at their base is shorter.
+const MIN_SLENDERNESS: f32 = 4.0;
+/// And at least this share of its leaves' median length: else it is a crumb of clutter.
+const MIN_STEM: f32 = 0.33;
+/// A leaf's base is led no farther than this, in lengths of what is seen of the leaf.
+const MAX_LED: f32 = 3.0;
+
+/// Takes the ribbons that grow along a stem out of `ribbons`, each led to where it leaves the stem.
+/// `fields`: distance from its root for each blob, by label. O(pixels of the blobs · log).
+///
+/// From each leaf runs a way to the root of its blob: amid what is seen, and without a step in depth where
+/// there is a way without. The longest stretch that ways share is the stem, if it is slender; a leaf begins
+/// where it, or its way, joins the stem.
+///
+/// # Source
+/// Neubert et al. 2007 trace particles down to the base of a trunk, merging into branches; here there is
+/// one for each blade, on the surface that is seen, by the shortest way (Dijkstra 1959).
+pub(super) fn attach(mask: &Mask, ribbons: &mut Vec<Ribbon>, fields: &[Field]) -> Vec<Ribbon> {
+    let mut attached = Vec::new();
+    if mask.hand.contains(&true) {
+        return attached;
+    }
+    for (region, field) in mask.blobs.regions.iter().zip(fields) {
+        let grows = |ribbon: &Ribbon| rooted(mask, ribbon, region.label).is_some();
+        let count = ribbons.iter().filter(|ribbon| ribbon.root != End::Free && grows(ribbon)).count();
+        if count < MIN_LEAVES {
+            continue;
+        }
+        let ways = Ways::of(mask, region.label, region.bounds, field);
+        let mut leaves: Vec<Ribbon> = ribbons.iter().filter(|ribbon| grows(ribbon)).cloned().collect();
+        leaves.iter_mut().for_each(|leaf| ways.turn(leaf, mask));
+        if ways.lead(mask, &mut leaves) {
+            ribbons.retain(|ribbon| !grows(ribbon));
+            attached.append(&mut leaves);
+        }
+    }
+    attached
+}
+
+/// The first section from the root on that stands clear on a blob: beyond it the blade may run into what it
+/// shares with others, or out on the far side of the stem.
+fn rooted(mask: &Mask, ribbon: &Ribbon, label: u16) -> Option<usize> {
+    const CLEAR: usize = 6;
+    let clear = |section: &Section| {
+        let on_blob = mask.index_at(section.expected.mid).is_some_and(|index| mask.blobs.of[index] == label);
+        on_blob && section.edges_seen() == 2 && section.guide_px.is_none()
+    };
+    let first = ribbon.sections.windows(CLEAR).position(|window| window.iter().all(clear))?;
+    (3 * first < 2 * ribbon.sections.len()).then_some(first)
+}
+
+/// The ways from the pixels of a blob to its root.
+struct Ways {
+    /// The blob's.
+    label: u16,
+    bounds: [usize; 4],
+    /// Cost from the root, by pixel of the bounds; infinite outside of the blob.
+    cost: Vec<f32>,
+    /// The next pixel towards the root, as an index into the image; itself at the root.
+    next: Vec<u32>,
+    /// How far the blob's border is, by pixel of the bounds, pixels.
+    depth_px: Vec<f32>,
+}
+
+impl Ways {
+    /// Dijkstra over a blob's pixels. A pixel near the border, or beyond a step in depth, is dear.
+    fn of(mask: &Mask, label: u16, bounds: [usize; 4], field: &Field) -> Self {
+        const RIM: f32 = 6.0;
+        let [x0, y0, x1, y1] = bounds;
+        let at = |index: usize| (index / mask.width - y0) * (x1 - x0) + index % mask.width - x0;
+        let inside = || (y0..y1).flat_map(|y| y * mask.width + x0..y * mask.width + x1);
+        let depth = hand::chamfer(mask, |index| mask.blobs.of[index] != label);
+        let depth_px: Vec<f32> = inside().map(|index| depth[index] as f32 / 12.0).collect();
+        let mut cost = vec![f32::INFINITY; depth_px.len()];
+        let mut next = vec![u32::MAX; depth_px.len()];
+        // Costs are not negative: their bits are in their order.
+        let mut front: BinaryHeap<Reverse<(u32, u32)>> = BinaryHeap::new();
+        for index in inside().filter(|index| mask.blobs.of[*index] == label) {
+            if field.at(mask.pixel(index)) < 0.5 {
+                cost[at(index)] = 0.0;
+                next[at(index)] = index as u32;
+                front.push(Reverse((0, index as u32)));
+            }
+        }
+        let step_m = fine_step_m(mask.depth_noise_m);
+        while let Some(Reverse((so_far, index))) = front.pop() {
+            let (index, so_far) = (index as usize, f32::from_bits(so_far));
+            if so_far > cost[at(index)] {
+                continue;
+            }
+            for other in neighbours(index, mask.width, bounds) {
+                if mask.blobs.of[other] != label {
+                    continue;
+                }
+                let length = mask.pixel(index).distance(mask.pixel(other));
+                let jump = (mask.depth_m[index] - mask.depth_m[other]).abs() / step_m;
+                let rim = RIM / (depth_px[at(other)] * depth_px[at(other)]).max(1.0);
+                let reached = so_far + length * (1.0 + rim + (jump * jump).min(25.0));
+                if reached < cost[at(other)] {
+                    cost[at(other)] = reached;
+                    next[at(other)] = index as u32;
+                    front.push(Reverse((reached.to_bits(), other as u32)));
+                }
+            }
+        }
+        Self { label, bounds, cost, next, depth_px }
+    }
+
+    /// The place of a pixel of the image in the bounds, if it is one of the blob.
+    fn place(&self, mask: &Mask, index: usize) -> Option<usize> {
+        let ([x0, y0, x1, y1], x, y) = (self.bounds, index % mask.width, index / mask.width);
+        let inside = x >= x0 && y >= y0 && x < x1 && y < y1;
+        let place = inside.then(|| (y - y0) * (x1 - x0) + x - x0)?;
+        self.cost[place].is_finite().then_some(place)
+    }
+
+    fn cost_at(&self, mask: &Mask, point: Vec2) -> Option<f32> {
+        let place = self.place(mask, mask.index_at(point)?)?;
+        Some(self.cost[place])
+    }
+
+    /// Turns a leaf that both ends lead on from: its root is the one nearer to the stem's.
+    fn turn(&self, leaf: &mut Ribbon, mask: &Mask) {
+        let tip = leaf.sections[leaf.sections.len() - 1].expected.mid;
+        let cost = |point| self.cost_at(mask, point);
+        let (Some(root), Some(tip)) = (cost(leaf.sections[0].expected.mid), cost(tip)) else { return };
+        if leaf.tip != End::Free && tip < root {
+            reverse(&mut leaf.sections);
+            std::mem::swap(&mut leaf.root, &mut leaf.tip);
+            leaf.unsure = unsure(&leaf.sections);
+        }
+    }
+
+    /// The pixels from a point to the root; `None` outside of the blob.
+    fn way(&self, mask: &Mask, point: Vec2) -> Option<Vec<usize>> {
+        let mut way = vec![mask.index_at(point)?];
+        loop {
+            let here = way[way.len() - 1];
+            let next = self.next[self.place(mask, here)?] as usize;
+            if next == here {
+                return Some(way);
+            }
+            way.push(next);
+        }
+    }
+
+    /// The longest stretch that ways to the root share, down to the root, if it is slender.
+    fn stem<'a>(&self, mask: &Mask, ways: &'a [Vec<usize>]) -> Option<&'a [usize]> {
+        let mut shared = vec![0_u16; self.cost.len()];
+        for place in ways.iter().flatten().filter_map(|index| self.place(mask, *index)) {
+            shared[place] += 1;
+        }
+        let is_shared = |index: &usize| self.place(mask, *index).is_some_and(|place| shared[place] >= 2);
+        let stretch = |way: &'a Vec<usize>| Some(&way[way.iter().position(is_shared)?..]);
+        let longest = ways.iter().filter_map(stretch).max_by_key(|stretch| stretch.len())?;
+        let places = longest.iter().filter_map(|index| self.place(mask, *index));
+        let mut widths: Vec<f32> = places.map(|place| 2.0 * self.depth_px[place]).collect();
+        widths.sort_by(f32::total_cmp);
+        (longest.len() as f32 > MIN_SLENDERNESS * widths[widths.len() / 2]).then_some(longest)
+    }
+
+    /// Sections of the longest leaf that each pixel of the bounds lies on; 0 for none.
+    fn longest(&self, mask: &Mask, leaves: &[Ribbon]) -> Vec<usize> {
+        let mut longest = vec![0; self.cost.len()];
+        for leaf in leaves {
+            let length = leaf.sections.len();
+            // Near the stem it may run on what it shares.
+            let outer = leaf.sections.iter().skip(length / 3);
+            for Section { expected, .. } in outer.filter(|section| section.edges_seen() == 2) {
+                let reach = (0.8 * expected.half_px) as i32;
+                let points = (-reach..=reach).map(|k| expected.mid + expected.across * k as f32);
+                let indices = points.filter_map(|point| mask.index_at(point));
+                for place in indices.filter_map(|index| self.place(mask, index)) {
+                    longest[place] = length.max(longest[place]);
+                }
+            }
+        }
+        longest
+    }
+
+    /// Leads leaves to their stem; `false` where they share none.
+    fn lead(&self, mask: &Mask, leaves: &mut [Ribbon]) -> bool {
+        let roots: Vec<usize> =
+            leaves.iter().map(|leaf| rooted(mask, leaf, self.label).unwrap_or(0)).collect();
+        let way = |leaf: &Ribbon, i: usize| self.way(mask, leaf.sections[i].expected.mid).unwrap_or_default();
+        let ways: Vec<Vec<usize>> = leaves.iter().zip(&roots).map(|(leaf, root)| way(leaf, *root)).collect();
+        // Of a leaf that was followed down the stem already the way from farther out shows where it runs.
+        let outer = |((leaf, root), from_root): ((&Ribbon, &usize), &Vec<usize>)| {
+            let own = leaf.sections.len() - root;
+            if 4 * from_root.len() < own { way(leaf, root + own * 3 / 4) } else { from_root.clone() }
+        };
+        let from_outside: Vec<Vec<usize>> = leaves.iter().zip(&roots).zip(&ways).map(outer).collect();
+        let Some(stem) = self.stem(mask, &from_outside) else { return false };
+        let mut lengths: Vec<usize> = leaves.iter().map(|leaf| leaf.sections.len()).collect();
+        lengths.sort_unstable();
+        if (stem.len() as f32) < MIN_STEM * lengths[lengths.len() / 2] as f32 {
+            return false;
+        }
+        let mut on_stem = vec![false; self.cost.len()];
+        stem.iter().filter_map(|index| self.place(mask, *index)).for_each(|place| on_stem[place] = true);
+        let stem = |index: usize| self.place(mask, index).is_some_and(|place| on_stem[place]);
+        let near_stem = |section: &Section| {
+            let Some(index) = mask.index_at(section.expected.mid) else { return false };
+            stem(index) || neighbours(index, mask.width, mask.region).any(stem)
+        };
+        let joins: Vec<Option<usize>> =
+            ways.iter().map(|way| way.iter().position(|index| stem(*index))).collect();
+        // A longer leaf that lies on the way is another one, a shorter one may be a fragment of this.
+        let longest = self.longest(mask, leaves);
+        let others =
+            |index: usize, own: usize| self.place(mask, index).is_some_and(|place| longest[place] > own);
+        let each = leaves.iter_mut().zip(roots).zip(ways.iter().zip(&joins));
+        for ((leaf, root), (way, join)) in each {
+            let length = leaf.sections.len();
+            let own = length - root;
+            // A leaf may touch the stem again far out.
+            let runs_on_stem =
+                |i: &usize| 2 * leaf.sections[..*i].iter().filter(|it| near_stem(it)).count() > *i;
+            let on_stem = leaf.sections.iter().rposition(near_stem);
+            if let Some(on_stem) = on_stem.filter(|i| 2 * i < own || runs_on_stem(i) && i + 12 < length) {
+                leaf.sections.drain(..on_stem);
+            } else if leaf.root == End::Free {
+                continue;
+            } else if let Some(join) = join.filter(|join| *join as f32 <= MAX_LED * own as f32)
+                && 3 * way[..join].iter().filter(|index| others(**index, length)).count() <= join
+            {
+                leaf.sections.drain(..root);
+                lead_along(mask, leaf, &way[..=join]);
+            } else {
+                continue;
+            }
+            (leaf.root, leaf.unsure) = (End::Shared, 0);
+        }
+        true
+    }
+}
+
+/// Puts sections along a way before the first one of a leaf.
+fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize]) {
+    const AHEAD: usize = 4;
+    // What a pixel's path counts beside an edge that is seen.
+    const WEIGHT: f32 = 0.05;
+    let like = leaf.sections[0];
+    let mut led: Vec<Section> = Vec::with_capacity(way.len());
+    for (k, index) in way.iter().enumerate().skip(1) {
+        let (from, to) = (way[k.saturating_sub(AHEAD)], way[(k + AHEAD).min(way.len() - 1)]);
+        let up = (mask.pixel(from) - mask.pixel(to)).normalize_or(Vec2::NEG_Y);
+        let seen = mask.depth_m[*index];
+        let expected = Expected {
+            mid: mask.pixel(*index),
+            across: Vec2::new(-up.y, up.x),
+            depth_m: if seen > 0.0 { seen } else { like.expected.depth_m },
+            ..like.expected
+        };
+        let guide_px = Some(expected.half_px);
+        let mut section = Section {
+            expected,
+            measured: expected.measure(mask),
+            anchor: if k + 1 == way.len() { 1.0 } else { WEIGHT },
+            guide_px,
+        };
+        section.doubt();
+        led.push(section);
+    }
+    led.reverse();
+    led.append(&mut leaf.sections);
+    leaf.sections = led;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{CameraModel, DepthFrame};
+    use crate::stages::accumulate::Accumulation;
+    use crate::stages::mask::{self, MaskParams};
+    use crate::stages::ribbon::RibbonParams;
+    use crate::stages::{contour, partition, ribbon};
+
+    const ROOT: Vec2 = Vec2::new(120.0, 239.0);
+
+    /// What is seen of strokes that narrow from `half` pixels to a tip, each bowed upward, half a metre away:
+    /// the mask, its distances from the root and its ribbons.
+    fn seen(strokes: &[(Vec2, Vec2, f32)], stem: bool) -> (Mask, Vec<Field>, Vec<Ribbon>) {
+        let (width, height) = (240, 240);
+        let on_stroke = |point: Vec2, (from, to, half): &(Vec2, Vec2, f32)| {
+            (0..=100).map(|k| k as f32 / 100.0).any(|t| {
+                let bow = Vec2::new(0.0, -120.0 * t * (1.0 - t));
+                point.distance(from.lerp(*to, t) + bow) < half * (1.0 - t).sqrt()
+            })
+        };
+        let depth = |x: usize, y: usize| {
+            let point = Vec2::new(x as f32, y as f32);
+            let on_stem = stem && (point.x - ROOT.x).abs() < 4.5 && point.y > 70.0;
+            if on_stem || strokes.iter().any(|stroke| on_stroke(point, stroke)) { 500 } else { 1500 }
+        };
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let frame = DepthFrame {
+            width,
+            height,
+            depth: pixels.map(|(x, y)| depth(x, y)).collect(),
+            depth_unit_m: 0.001,
+            timestamp_ns: 0,
+            camera: CameraModel { fx: 570.0, fy: 570.0, cx: 120.0, cy: 120.0 },
+        };
+        let params = MaskParams::default();
+        let mut accumulation = Accumulation::like(&frame);
+        accumulation.add(&frame, &params);
+        let mask = mask::extract(&accumulation, &params);
+        let params = partition::PartitionParams::default();
+        let outlines = contour::trace(&mask, &mask.pieces);
+        let parts: Vec<_> = outlines
+            .iter()
+            .flat_map(|outline| partition::flow(&mask, &mask.pieces, outline, &params))
+            .collect();
+        let fields: Vec<Field> = contour::trace(&mask, &mask.blobs)
+            .iter()
+            .map(|outline| partition::root_distance(&mask, &mask.blobs, outline, &params))
+            .collect();
+        let ribbons = ribbon::grow(&mask, &parts, &fields, &RibbonParams::default());
+        (mask, fields, ribbons)
+    }
+
+    fn root(ribbon: &Ribbon) -> Vec2 {
+        ribbon.sections[0].expected.mid
+    }
+
+    #[test]
+    fn leaves_begin_at_their_stem() {
+        let leaf = |height: f32, to_x: f32| (Vec2::new(ROOT.x, height), Vec2::new(to_x, height + 15.0), 6.0);
+        let leaves = [leaf(190.0, 20.0), leaf(160.0, 220.0), leaf(130.0, 25.0), leaf(100.0, 215.0)];
+        let (_, _, ribbons) = seen(&leaves, true);
+        for (from, to, _) in leaves {
+            let tip = |ribbon: &&Ribbon| ribbon.sections[ribbon.sections.len() - 1].expected.mid.distance(to);
+            let found = ribbons.iter().min_by(|a, b| tip(a).total_cmp(&tip(b))).expect("there are ribbons");
+            assert!(tip(&found) < 10.0, "no tip at {to}");
+            let root = root(found);
+            // Above the last leaf but one the stem is the last one's.
+            let height = from.y.max(130.0);
+            assert!((root.x - ROOT.x).abs() < 6.0 && (root.y - height).abs() < 20.0, "{root} is not {from}");
+        }
+    }
+
+    #[test]
+    fn a_tuft_has_no_stem() {
+        let blade = |x: f32| (ROOT, Vec2::new(x, 60.0), 6.0);
+        let (mask, fields, mut ribbons) =
+            seen(&[blade(20.0), blade(90.0), blade(150.0), blade(220.0)], false);
+        let before = ribbons.clone();
+        assert!(before.len() >= 4, "{} ribbons", before.len());
+        assert!(attach(&mask, &mut ribbons, &fields).is_empty());
+        assert_eq!(ribbons, before);
+    }
+}
