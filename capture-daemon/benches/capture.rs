@@ -132,10 +132,7 @@ fn stages(
         .filter(|(lifted, evidence)| blade::accept(lifted, evidence, &params.accept).is_ok())
         .collect();
     let finished = timed("refine and blade", || {
-        let finish = |(lifted, evidence): &(&lift::Lifted, Evidence)| {
-            blade::finish(lifted, *evidence, 0, 0, &CameraPose::default(), &params.refine).ok()
-        };
-        accepted.iter().filter_map(finish).count()
+        blade::finish(&accepted, 0, &CameraPose::default(), &params.refine).0.len()
     });
     anyhow::ensure!(finished == blades, "{finished} blades stage by stage, {blades} in all");
     Ok(())

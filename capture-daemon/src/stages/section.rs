@@ -273,20 +273,25 @@ impl Expected {
         let (x0, y0) = (point.x as i32 as usize, point.y as i32 as usize);
         let (fx, fy) = (point.x - x0 as f32, point.y - y0 as f32);
         let here = self.depth_at(t);
-        let per_m = against.map_or(0.0, |behind| 1.0 / (behind - here).max(1e-4));
-        let at = |index: usize| {
-            let (occupancy, depth) = (mask.occupancy[index], mask.depth_m[index]);
-            match against {
-                Some(behind) if occupancy > 0.0 => occupancy * ((behind - depth) * per_m).clamp(0.0, 1.0),
-                None if (depth - here).abs() <= 2.0 * self.tolerance_m => occupancy,
-                _ => 0.0,
-            }
-        };
         let upper = y0 * mask.width + x0;
         let right = usize::from(x0 + 1 < mask.width);
         let lower = if y0 + 1 < mask.height { upper + mask.width } else { upper };
-        (at(upper) * (1.0 - fx) + at(upper + right) * fx) * (1.0 - fy)
-            + (at(lower) * (1.0 - fx) + at(lower + right) * fx) * fy
+        // The four pixels around are reckoned with together.
+        let around = |of: &[f32]| [of[upper], of[upper + right], of[lower], of[lower + right]];
+        let (occupancy, depth) = (around(&mask.occupancy), around(&mask.depth_m));
+        let shares: [f32; 4] = match against {
+            Some(behind) => {
+                let per_m = 1.0 / (behind - here).max(1e-4);
+                std::array::from_fn(|k| occupancy[k] * ((behind - depth[k]) * per_m).clamp(0.0, 1.0))
+            }
+            None => {
+                let reach = 2.0 * self.tolerance_m;
+                std::array::from_fn(|k| if (depth[k] - here).abs() <= reach { occupancy[k] } else { 0.0 })
+            }
+        };
+        let [upper_left, upper_right, lower_left, lower_right] = shares;
+        (upper_left * (1.0 - fx) + upper_right * fx) * (1.0 - fy)
+            + (lower_left * (1.0 - fx) + lower_right * fx) * fy
     }
 
     /// ∫ coverage over the whole cross-section, pixels: its width, however thin.

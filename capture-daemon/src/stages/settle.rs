@@ -118,26 +118,26 @@ fn slopes(sections: &[Section]) -> Vec<f32> {
             (-0.5 * away * away).exp()
         })
         .collect();
-    let moments: Vec<[f32; 2]> = sections
-        .iter()
-        .map(|Section { expected, measured, guide_px, .. }| {
-            let [moment, square] = measured.slope_moments;
-            // The moments are those of what was left over the slope expected then.
-            if guide_px.is_some() { [0.0; 2] } else { [moment + expected.slope_m * square, square] }
-        })
-        .collect();
-    let mut slopes: Vec<f32> = (0..sections.len())
-        .map(|i| {
-            let first = i.saturating_sub(half);
-            let window = &moments[first..(i + half + 1).min(moments.len())];
-            let away = |k: usize| i.abs_diff(first + k);
-            let [ta, tt] = window.iter().enumerate().fold([0.0, RIDGE], |[ta, tt], (k, [moment, square])| {
-                let weight = weights[away(k)];
-                [ta + weight * moment, tt + weight * square]
-            });
-            ta / tt
-        })
-        .collect();
+    let moments = sections.iter().map(|Section { expected, measured, guide_px, .. }| {
+        let [moment, square] = measured.slope_moments;
+        // The moments are those of what was left over the slope expected then.
+        if guide_px.is_some() { (0.0, 0.0) } else { (moment + expected.slope_m * square, square) }
+    });
+    let (moments, squares): (Vec<f32>, Vec<f32>) = moments.unzip();
+    // One neighbour after the other for all sections together: the processor adds several at a time.
+    let n = sections.len();
+    let around = |values: &[f32], start: f32| {
+        let mut sums = vec![start; n];
+        for away in (1..=half.min(n)).rev() {
+            sums[away..].iter_mut().zip(values).for_each(|(sum, value)| *sum += weights[away] * value);
+        }
+        for away in 0..=half.min(n) {
+            sums.iter_mut().zip(&values[away..]).for_each(|(sum, value)| *sum += weights[away] * value);
+        }
+        sums
+    };
+    let (fitted, weighed) = (around(&moments, 0.0), around(&squares, RIDGE));
+    let mut slopes: Vec<f32> = fitted.iter().zip(&weighed).map(|(ta, tt)| ta / tt).collect();
     // Where a blade is only guided, what is seen may be its neighbour's: it goes on as it was.
     for i in (0..sections.len().saturating_sub(1)).rev() {
         if sections[i].guide_px.is_some() {
