@@ -142,7 +142,8 @@ impl Mask {
     pub fn index_at(&self, point: glam::Vec2) -> Option<usize> {
         // Where it lies inside, the casts round down; those to signed numbers are the fastest.
         let (x, y) = (point.x + 0.5, point.y + 0.5);
-        let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
+        let [width, height] = [self.width, self.height].map(|size| size as i32 as f32);
+        let inside = x >= 0.0 && y >= 0.0 && x < width && y < height;
         inside.then(|| y as i32 as usize * self.width + x as i32 as usize)
     }
 

@@ -53,6 +53,10 @@ impl Part {
     }
 }
 
+/// Cosine of the widest angle between two blades of one base. One blade that sags is seen at a wider
+/// one from its lowest place.
+const FORKED: f32 = -0.2;
+
 /// Divides one outline into blades.
 ///
 /// The distance from the root flows along the outline: its maxima are tips and the minima between
@@ -130,7 +134,11 @@ fn walk(
     let from_lowest = blob.distance_from(&[lowest]);
     let from_end = blob.distance_from_lower_end(lowest, &from_lowest, params.down);
     let single = Walk::from_root(points, &from_end, params);
-    Some(if single.tips.len() > 1 { (from_lowest, None) } else { (from_end, Some(single)) })
+    if single.tips.len() > 1 {
+        return Some((from_lowest, None));
+    }
+    let tuft = Walk::from_root(points, &from_lowest, params);
+    Some(if tuft.is_forked() { (from_lowest, Some(tuft)) } else { (from_end, Some(single)) })
 }
 
 /// Of a piece that leaves the region elsewhere than the blob that it is a part of: the pixel nearest to
@@ -262,6 +270,28 @@ impl Walk {
         let threshold = params.min_persistence_px.max(params.min_persistence * farthest);
         let tips = persistent_maxima(&flow, threshold);
         Self { points, flow, tips }
+    }
+
+    /// Whether it has two tips and leads to them in directions too different for the sag of one blade.
+    fn is_forked(&self) -> bool {
+        const FAR_PX: f32 = 50.0;
+        let [first, second] = self.tips[..] else { return false };
+        let far = FAR_PX.min(0.5 * self.flow[first].min(self.flow[second]));
+        let gap = argmin(&self.flow, first..second);
+        if far < 12.0 || self.flow[gap] > 0.5 * far {
+            // What they share first leads nowhere.
+            return self.flow[gap] > 0.5 * far;
+        }
+        // The middle between the sides that run out to a tip and back.
+        let towards = |out: std::ops::Range<usize>, back: std::ops::Range<usize>| {
+            let reached = |index: &usize| self.flow[*index] >= far;
+            let (out, back) = (out.into_iter().find(reached), back.rev().find(reached));
+            Some(self.points[out?].midpoint(self.points[back?]) - self.points[0])
+        };
+        let left = towards(0..first, first..gap);
+        let right = towards(gap..second, second..self.flow.len());
+        let Some((left, right)) = left.zip(right) else { return false };
+        left.normalize_or_zero().dot(right.normalize_or_zero()) > FORKED
     }
 }
 
