@@ -90,7 +90,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
     tuft::gather(mask, &mut ribbons, params);
     for ribbon in &mut ribbons {
-        for wavelength_px in [18.0, 24.0, MIDRIB_WAVELENGTH_PX] {
+        for wavelength_px in [24.0, MIDRIB_WAVELENGTH_PX] {
             settle(mask, &mut ribbon.sections, wavelength_px);
         }
     }

@@ -221,7 +221,8 @@ impl Expected {
         }
         let mut beyond = |steps: i32| sights.at(side * (last + steps));
         const SHADOW: i32 = ((1.5 + SHADOW_PX) / STEP_PX) as i32;
-        if let Some(nearer) = (1..=SHADOW).find(|j| beyond(*j) == Sight::Nearer) {
+        // What is nearer is no narrower than a pixel.
+        if let Some(nearer) = (1..=SHADOW).step_by(2).find(|j| beyond(*j) == Sight::Nearer) {
             // Hidden, unless what is nearer begins only behind a stretch of plain background.
             let background = (1..=8).find(|j| beyond(*j) == Sight::Empty);
             if background.is_none_or(|b| nearer < b + 2) {
@@ -245,10 +246,12 @@ impl Expected {
         });
         let from = start as f32 * STEP_PX;
         let steps = last - start + (SMEAR_PX / STEP_PX) as i32;
-        let covered: f32 = (0..steps)
-            .map(|j| self.coverage(mask, side as f32 * (from + (j as f32 + 0.5) * STEP_PX), against))
+        // Its bilinear course summed at every pixel is all of it, where it runs along rows or columns, and
+        // nearly so where it does not.
+        let covered: f32 = (0..(steps + 1) / 2)
+            .map(|j| self.coverage(mask, side as f32 * (from + (j as f32 + 0.5)), against))
             .sum();
-        Some(side as f32 * (from + STEP_PX * covered))
+        Some(side as f32 * (from + covered))
     }
 
     /// The edge to one side of a blade that lies wholly to the other side of the middle.

@@ -82,21 +82,28 @@ fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64,
     }
 }
 
-/// What was measured, as seen from a place so near that it would be measured alike.
+/// What was measured, as seen from a place so near that it would be measured alike: the edges stay where
+/// they are in the image.
 fn moved(Section { expected, measured, guide_px, .. }: &Section, to: &Expected) -> Option<Measured> {
-    const NEAR_PX: f32 = 0.08;
+    const NEAR_PX: f32 = 0.25;
+    const NEAR_TOLERANCES: f32 = 0.25;
     let by = to.mid - expected.mid;
+    let aside = by.dot(to.across);
     let turned_px = (to.across - expected.across).length() * to.half_px;
     let tilted_m = (to.slope_m - expected.slope_m) * to.half_px;
+    // Where less is searched, its edges have to be found all the same.
+    let within = |edge: Option<f32>| edge.is_none_or(|e| (e - aside).abs() <= to.half_px + to.search_px);
     let near = by.length() + turned_px < NEAR_PX
-        && (to.half_px - expected.half_px).abs() + (to.search_px - expected.search_px).abs() < 3.0 * NEAR_PX
-        && (to.depth_m - expected.depth_m).abs() + tilted_m.abs() < 0.1 * to.tolerance_m
+        && (to.half_px - expected.half_px).abs() < 3.0 * NEAR_PX
+        && to.search_px < expected.search_px + 3.0 * NEAR_PX
+        && within(measured.left_px)
+        && within(measured.right_px)
+        && (to.depth_m - expected.depth_m).abs() + tilted_m.abs() < NEAR_TOLERANCES * to.tolerance_m
         && to.tolerance_m == expected.tolerance_m;
     // Edges that were doubted are to be looked for again.
     if !near || measured.middle != Middle::Blade || guide_px.is_some() {
         return None;
     }
-    let aside = by.dot(to.across);
     let [moment, square] = measured.slope_moments;
     Some(Measured {
         left_px: measured.left_px.map(|left| left - aside),
