@@ -1,14 +1,17 @@
 //! Where the time of a frame and of a capture goes, beside what OpenCV needs for four of its calls on the
 //! same frames, and how much memory a long replay takes: `make bench`.
 //!
-//! One thread; medians. `SWARD_PYTHON` names a Python with OpenCV; without it that column is empty. Slowness
+//! One thread; medians; both in turn, so that whatever else the machine does falls on both. `SWARD_PYTHON` names a Python with OpenCV; without it that column is empty. Slowness
 //! is no error: the table states the ratios, and the targets that they are held against.
+
+mod opencv;
 
 use std::hint::black_box;
 use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
+use self::opencv::OpenCv;
 use anyhow::Context;
 use capture_daemon::frame::{CameraPose, DepthFrame};
 use capture_daemon::pipeline::{self, PipelineParams};
@@ -39,41 +42,57 @@ fn main() -> anyhow::Result<()> {
     let shown = clip.visible();
     let fan: Vec<DepthFrame> = (shown.start..shown.start + 20).map(|index| clip.frame(index)).collect();
     let empty = Clip::new(Scene::new(Family::Empty, 1), ClipParams::default())?.frame(0);
-    let opencv = opencv(&[("empty", &empty), ("fan", &fan[18])])?;
+    let mut opencv = OpenCv::start(&[&empty, &fan[18]])?;
+    let (of_empty, of_fan) = (0, 1);
 
     println!("640x480, one thread, medians\n");
     println!("| what | ms | OpenCV's four calls, ms | ratio | target |");
     println!("|---|---|---|---|---|");
     let params = SessionParams::default();
-    let in_all = |name: &str, ms: f64, beside: Option<f64>, target: f64| {
-        let (opencv, ratio) = beside
-            .map_or(("–".to_owned(), "–".to_owned()), |o| (format!("{o:.3}"), format!("{:.2}", ms / o)));
-        println!("| {name} | {ms:.3} | {opencv} | {ratio} | {target} |");
-    };
-    let beside = |index: usize| opencv.as_ref().map(|times| times[index]);
+    // `measure` takes its times once a round; OpenCV's turn comes between.
+    let mut in_turn =
+        |name: &str, rounds: usize, measure: &mut dyn FnMut(&mut Vec<f64>), frame: usize, target: f64| {
+            let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+            for _ in 0..rounds {
+                measure(&mut ours);
+                if let Some(opencv) = &mut opencv {
+                    theirs.extend(opencv.times_ms(frame, 10)?);
+                }
+            }
+            let ms = median(ours);
+            let (opencv, ratio) = if theirs.is_empty() {
+                ("–".to_owned(), "–".to_owned())
+            } else {
+                let opencv = median(theirs);
+                (format!("{opencv:.3}"), format!("{:.2}", ms / opencv))
+            };
+            println!("| {name} | {ms:.3} | {opencv} | {ratio} | {target} |");
+            anyhow::Ok(())
+        };
 
     let mut session = Session::new(params.clone());
-    in_all(
-        "empty frame",
-        median_ms(400, || {
+    let mut empty_frames = |times: &mut Vec<f64>| {
+        for _ in 0..10 {
+            let start = Instant::now();
             black_box(session.push(&empty));
-        }),
-        beside(0),
-        0.7,
-    );
-    let mut settling = Vec::new();
-    for _ in 0..20 {
+            times.push(ms_since(start));
+        }
+    };
+    in_turn("empty frame", 40, &mut empty_frames, of_empty, 0.7)?;
+    let mut captured_early = false;
+    let mut settling_frames = |times: &mut Vec<f64>| {
         let mut session = Session::new(params.clone());
-        black_box(session.push(&fan[0]));
         // The first of a hold makes room; the rest is what a frame costs.
+        black_box(session.push(&fan[0]));
         for frame in &fan[1..16] {
             let start = Instant::now();
             let captured = black_box(session.push(frame));
-            settling.push(ms_since(start));
-            anyhow::ensure!(captured.is_none(), "a frame that should settle was captured");
+            times.push(ms_since(start));
+            captured_early |= captured.is_some();
         }
-    }
-    in_all("settling frame", median(settling), beside(1), 2.0);
+    };
+    in_turn("settling frame", 20, &mut settling_frames, of_fan, 2.0)?;
+    anyhow::ensure!(!captured_early, "a frame that should settle was captured");
 
     let mut held = Accumulation::like(&fan[0]);
     fan[..17].iter().for_each(|frame| held.add(frame, &params.pipeline.mask));
@@ -81,14 +100,14 @@ fn main() -> anyhow::Result<()> {
     let capture = || pipeline::capture(&held, &camera, time, &params.pipeline);
     let steps = capture();
     let name = format!("capture of a fan of {} ({} found)", clip.scene().blades.len(), steps.blades.len());
-    in_all(
-        &name,
-        median_ms(30, || {
+    let mut captures = |times: &mut Vec<f64>| {
+        for _ in 0..2 {
+            let start = Instant::now();
             black_box(capture());
-        }),
-        beside(1),
-        15.0,
-    );
+            times.push(ms_since(start));
+        }
+    };
+    in_turn(&name, 20, &mut captures, of_fan, 15.0)?;
     println!("\n| stage | ms |\n|---|---|");
     println!(
         "| presence (each frame) | {:.3} |",
@@ -139,10 +158,7 @@ fn stages(
         .map(|(lifted, _, evidence)| (lifted, evidence))
         .collect();
     let finished = timed("refine and blade", || {
-        let finish = |(lifted, evidence): &(&lift::Lifted, Evidence)| {
-            blade::finish(lifted, *evidence, 0, 0, &CameraPose::default(), &params.refine).ok()
-        };
-        accepted.iter().filter_map(finish).count()
+        blade::finish(&accepted, 0, &CameraPose::default(), &params.refine).0.len()
     });
     anyhow::ensure!(finished == blades, "{finished} blades stage by stage, {blades} in all");
     Ok(())
@@ -171,36 +187,6 @@ fn fan_of_seven() -> anyhow::Result<Clip> {
         }
     }
     anyhow::bail!("no fan of seven blades was captured as one")
-}
-
-/// Median times of OpenCV's four calls on each frame, milliseconds; none without `SWARD_PYTHON`.
-fn opencv(frames: &[(&str, &DepthFrame)]) -> anyhow::Result<Option<Vec<f64>>> {
-    let Ok(python) = std::env::var("SWARD_PYTHON") else {
-        println!("SWARD_PYTHON is not set: nothing is compared with OpenCV.\n");
-        return Ok(None);
-    };
-    let folder = tempfile::tempdir()?;
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/opencv.py");
-    let mut command = Command::new(python);
-    command.arg(script);
-    for (name, frame) in frames {
-        let path = folder.path().join(name);
-        let bytes: Vec<u8> = frame.depth.iter().flat_map(|counts| counts.to_le_bytes()).collect();
-        std::fs::write(&path, bytes)?;
-        command.arg(frame.width.to_string()).arg(path);
-    }
-    let output = command.output().context("SWARD_PYTHON cannot be run")?;
-    anyhow::ensure!(
-        output.status.success(),
-        "benches/opencv.py failed: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let text = String::from_utf8(output.stdout)?;
-    let (version, times) = text.split_once('\n').context("benches/opencv.py printed nothing")?;
-    println!("OpenCV {version}: threshold, 3x3 opening, connectedComponents, findContours\n");
-    let times: Vec<f64> = times.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
-    anyhow::ensure!(times.len() == frames.len(), "benches/opencv.py printed {} times", times.len());
-    Ok(Some(times))
 }
 
 /// Replays a shipped recording again and again in a process of its own and prints its memory.

@@ -1,9 +1,9 @@
 """Times OpenCV's four calls on depth frames: opencv.py (WIDTH FILE)...
 
-Each file holds little-endian 16-bit counts of a millimetre, row-major. Prints OpenCV's version, then the
-median milliseconds of each frame. One thread."""
+Each file holds little-endian 16-bit counts of a millimetre, row-major. Prints OpenCV's version; then, for
+each line of its input, which holds the number of a frame and how often, the milliseconds that the four calls
+took each time, on one line. One thread."""
 
-import statistics
 import sys
 import time
 
@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 NEAR_MM, FAR_MM = 300, 900
-ROUNDS = 400
 
 cv2.setNumThreads(1)
 kernel = np.ones((3, 3), np.uint8)
@@ -24,12 +23,17 @@ def four_calls(depth):
     cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
 
 
-print(cv2.__version__)
-for width, path in zip(sys.argv[1::2], sys.argv[2::2]):
-    depth = np.fromfile(path, dtype="<u2").reshape(-1, int(width))
-    times = []
-    for _ in range(ROUNDS):
-        start = time.perf_counter()
-        four_calls(depth)
-        times.append((time.perf_counter() - start) * 1e3)
-    print(statistics.median(times))
+def timed(depth):
+    start = time.perf_counter()
+    four_calls(depth)
+    return (time.perf_counter() - start) * 1e3
+
+
+frames = [
+    np.fromfile(path, dtype="<u2").reshape(-1, int(width))
+    for width, path in zip(sys.argv[1::2], sys.argv[2::2])
+]
+print(cv2.__version__, flush=True)
+for line in sys.stdin:
+    frame, times = map(int, line.split())
+    print(*(timed(frames[frame]) for _ in range(times)), flush=True)

@@ -86,13 +86,7 @@ pub fn capture(
         }
     }
     accepted.sort_by(|a, b| a.0.root_x_m().total_cmp(&b.0.root_x_m()));
-    let mut blades = Vec::new();
-    for (lifted, evidence) in accepted {
-        let index = blades.len() as u32;
-        match blade::finish(lifted, evidence, timestamp_ns, index, &params.pose, &params.refine) {
-            Ok(captured) => blades.push(captured),
-            Err(reason) => refused.push(reason),
-        }
-    }
+    let (blades, shapeless) = blade::finish(&accepted, timestamp_ns, &params.pose, &params.refine);
+    refused.extend(shapeless);
     Steps { mask, outlines, parts, ribbons, skeletons, lifted, blades, refused }
 }

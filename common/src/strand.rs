@@ -11,8 +11,11 @@
 //! of vertices; damping is per second; there is no global shape (grass stands by its own
 //! stiffness); lengths end with an exact pass from root to tip.
 
+mod lanes;
+
 use glam::{Mat3, Quat, Vec3};
 
+use self::lanes::{LANES, Numbers, Vectors};
 use crate::geometry::polyline;
 
 /// How a strand moves.
@@ -34,51 +37,63 @@ impl Default for StrandParams {
     }
 }
 
-/// A chain of vertices at rest or in motion, metres.
+/// A few chains of equally many vertices at rest or in motion, metres. They know nothing of each other:
+/// side by side they cost hardly more than one.
 #[derive(Clone, Debug)]
-pub struct Strand {
-    positions: Vec<Vec3>,
-    previous: Vec<Vec3>,
+pub struct Strands {
+    positions: Vec<Vectors>,
+    previous: Vec<Vectors>,
     /// Edge i in the frame of edge i − 1 (of the root frame for i = 0).
-    rest_edges: Vec<Vec3>,
-    rest_lengths: Vec<f32>,
-    root_frame: Mat3,
+    rest_edges: Vec<[Numbers; 3]>,
+    rest_lengths: Vec<Numbers>,
+    root_frame: Frame,
 }
 
-impl Strand {
-    /// A strand at rest along `rest` (≥ 2 distinct successive points).
-    pub fn at_rest(rest: &[Vec3]) -> Self {
-        let edge = |i: usize| rest[i + 1] - rest[i];
-        let edges = rest.len() - 1;
-        let root_frame = Quat::from_rotation_arc(Vec3::X, edge(0).normalize_or(Vec3::X));
-        let root_frame = Mat3::from_quat(root_frame);
+impl Strands {
+    /// How many there can be.
+    pub const MOST: usize = LANES;
+
+    /// Strands at rest along `rest`: 1 to [`Self::MOST`] of equally many points, ≥ 2, successive ones
+    /// distinct.
+    ///
+    /// # Panics
+    /// Without a strand, or when one has fewer points than the first.
+    pub fn at_rest(rest: &[Vec<Vec3>]) -> Self {
+        // Lanes that are left over do what the last strand does.
+        let point = |lane: usize, i: usize| rest[lane.min(rest.len() - 1)][i];
+        let vertices = rest[0].len();
+        let positions: Vec<Vectors> =
+            (0..vertices).map(|i| Vectors::from_lanes(|lane| point(lane, i))).collect();
+        let edge = |i: usize| positions[i + 1] - positions[i];
+        let roots: [Mat3; LANES] = std::array::from_fn(|lane| {
+            let edge = point(lane, 1) - point(lane, 0);
+            Mat3::from_quat(Quat::from_rotation_arc(Vec3::X, edge.normalize_or(Vec3::X)))
+        });
+        let axis = |of: fn(&Mat3) -> Vec3| Vectors::from_lanes(|lane| of(&roots[lane]));
+        let root_frame = Frame { x: axis(|m| m.x_axis), y: axis(|m| m.y_axis), z: axis(|m| m.z_axis) };
         let mut frame = root_frame;
-        let mut rest_edges = Vec::with_capacity(edges);
-        for i in 0..edges {
-            rest_edges.push(frame.transpose_mul_vec3(edge(i)));
-            turn_to(&mut frame, edge(i));
+        let mut rest_edges = Vec::with_capacity(vertices - 1);
+        for i in 0..vertices - 1 {
+            rest_edges.push(frame.inwards(edge(i)));
+            frame.turn_to(edge(i));
         }
-        Self {
-            positions: rest.to_vec(),
-            previous: rest.to_vec(),
-            rest_lengths: (0..edges).map(|i| edge(i).length()).collect(),
-            rest_edges,
-            root_frame,
-        }
+        let rest_lengths = (0..vertices - 1).map(|i| edge(i).length()).collect();
+        Self { previous: positions.clone(), positions, rest_edges, rest_lengths, root_frame }
     }
 
-    /// Vertices from root to tip.
-    pub fn positions(&self) -> &[Vec3] {
-        &self.positions
+    /// Vertices of one of them from root to tip.
+    pub fn positions(&self, strand: usize) -> Vec<Vec3> {
+        self.positions.iter().map(|vertex| vertex.lane(strand)).collect()
     }
 
     /// Moves on by `dt` seconds under `wind`, an acceleration in m/s² of which each edge feels the
     /// part across it. O(vertices).
     pub fn step(&mut self, dt: f32, wind: Vec3, params: &StrandParams) {
-        let keep = (-params.damping_per_s * dt).exp();
+        let keep = Numbers::all((-params.damping_per_s * dt).exp());
+        let (wind, squared) = (Vectors::all(wind), Numbers::all(dt * dt));
         for i in 2..self.positions.len() {
-            let along = (self.positions[i] - self.positions[i - 1]).normalize_or_zero();
-            let push = (wind - along * wind.dot(along)) * (dt * dt);
+            let along = (self.positions[i] - self.positions[i - 1]).unit_or(Vectors::all(Vec3::ZERO));
+            let push = (wind - along * wind.dot(along)) * squared;
             let moved = self.positions[i] + (self.positions[i] - self.previous[i]) * keep + push;
             self.previous[i] = self.positions[i];
             self.positions[i] = moved;
@@ -95,14 +110,15 @@ impl Strand {
     fn pull_to_rest_shape(&mut self, share: f32) {
         let mut frame = self.root_frame;
         for i in 0..self.rest_edges.len() {
-            let pull = (self.positions[i] + frame * self.rest_edges[i] - self.positions[i + 1]) * share;
+            let goal = self.positions[i] + frame.outwards(self.rest_edges[i]);
+            let pull = (goal - self.positions[i + 1]) * Numbers::all(share);
             if i >= 2 {
-                self.positions[i] -= pull;
+                self.positions[i] = self.positions[i] - pull;
             }
             if i >= 1 {
-                self.positions[i + 1] += pull;
+                self.positions[i + 1] = self.positions[i + 1] + pull;
             }
-            turn_to(&mut frame, self.positions[i + 1] - self.positions[i]);
+            frame.turn_to(self.positions[i + 1] - self.positions[i]);
         }
     }
 
@@ -111,15 +127,15 @@ impl Strand {
             for i in (1 + parity..self.rest_lengths.len()).step_by(2) {
                 let edge = self.positions[i + 1] - self.positions[i];
                 let length = edge.length();
-                if length <= 0.0 {
-                    continue;
-                }
-                let excess = edge * (1.0 - self.rest_lengths[i] / length);
+                let excess = edge * (Numbers::all(1.0) - self.rest_lengths[i] / length);
+                // An edge without length has no direction to be stretched in.
+                let excess = excess.or_where_not(length.above(Numbers::all(0.0)), Vectors::all(Vec3::ZERO));
                 if i >= 2 {
-                    self.positions[i] += excess * 0.5;
-                    self.positions[i + 1] -= excess * 0.5;
+                    let half = excess * Numbers::all(0.5);
+                    self.positions[i] = self.positions[i] + half;
+                    self.positions[i + 1] = self.positions[i + 1] - half;
                 } else {
-                    self.positions[i + 1] -= excess;
+                    self.positions[i + 1] = self.positions[i + 1] - excess;
                 }
             }
         }
@@ -127,68 +143,104 @@ impl Strand {
 
     fn restore_lengths_exactly(&mut self) {
         for i in 1..self.rest_lengths.len() {
+            let before = self.positions[i] - self.positions[i - 1];
             let edge = self.positions[i + 1] - self.positions[i];
-            let direction = edge
-                .try_normalize()
-                .unwrap_or_else(|| (self.positions[i] - self.positions[i - 1]).normalize_or(Vec3::Y));
+            let direction = edge.unit_or(before.unit_or(Vectors::all(Vec3::Y)));
             self.positions[i + 1] = self.positions[i] + direction * self.rest_lengths[i];
         }
     }
 }
 
-/// Turns a frame of unit vectors by the shortest way such that its x axis points along `edge`.
-fn turn_to(frame: &mut Mat3, edge: Vec3) {
-    let length = edge.length();
-    if length < 1e-12 {
-        return;
+/// Axes of unit length at right angles to each other, for each strand.
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    x: Vectors,
+    y: Vectors,
+    z: Vectors,
+}
+
+impl Frame {
+    /// A vector given along the axes.
+    fn outwards(&self, [x, y, z]: [Numbers; 3]) -> Vectors {
+        self.x * x + self.y * y + self.z * z
     }
-    let direction = edge * (1.0 / length);
-    let along = frame.x_axis;
-    // Half turns have no shortest way: this one keeps the y axis.
-    let beyond = length + along.dot(edge);
-    if beyond > 1e-6 * length {
-        frame.y_axis -= (along + direction) * (edge.dot(frame.y_axis) / beyond);
+
+    /// How far a vector goes along each axis.
+    fn inwards(&self, vector: Vectors) -> [Numbers; 3] {
+        [self.x.dot(vector), self.y.dot(vector), self.z.dot(vector)]
     }
-    frame.x_axis = direction;
-    frame.z_axis = direction.cross(frame.y_axis);
+
+    /// Turns it by the shortest way such that its x axis points along `edge`.
+    fn turn_to(&mut self, edge: Vectors) {
+        let length = edge.length();
+        let direction = edge * (Numbers::all(1.0) / length);
+        // Half turns have no shortest way: they keep the y axis.
+        let beyond = length + self.x.dot(edge);
+        let y = self.y - (self.x + direction) * (edge.dot(self.y) / beyond);
+        let y = y.or_where_not(beyond.above(Numbers::all(1e-6) * length), self.y);
+        let has_length = length.above(Numbers::all(1e-12));
+        self.z = direction.cross(y).or_where_not(has_length, self.z);
+        self.y = y.or_where_not(has_length, self.y);
+        self.x = direction.or_where_not(has_length, self.x);
+    }
 }
 
 /// A strand's vertices at successive moments: `frames[f][v]`.
 pub type Motion = Vec<Vec<Vec3>>;
 
-/// How a blade with this midrib (≥ 2 points) moves in a gusty wind: `frames` samples, evenly over two
-/// seconds from rest. Two winds at right angles with their own rhythms, so that bending in both
-/// directions takes part. See [`motion_under`].
+/// How a blade with this midrib (≥ 2 points) moves in a gusty wind: see [`motions_in_wind`].
 pub fn motion_in_wind(midrib: &[Vec3], frames: usize) -> Motion {
+    motions_in_wind(&[midrib], frames).swap_remove(0)
+}
+
+/// How blades with these midribs (≥ 2 points) move in a gusty wind: `frames` samples, evenly over two
+/// seconds from rest, of each. Two winds at right angles with their own rhythms, so that bending in both
+/// directions takes part. See [`motions_under`].
+pub fn motions_in_wind(midribs: &[&[Vec3]], frames: usize) -> Vec<Motion> {
     // Bends a blade of 0.2 m by up to 0.4 of its length.
     const STRENGTH: f32 = 1.5;
     let wind = |t: f32| Vec3::new((3.1 * t).sin() + 0.4 * (11.3 * t).sin(), 0.0, 0.7 * (2.3 * t + 1.0).sin());
-    motion_under(midrib, frames, |t| wind(t) * STRENGTH)
+    motions_under(midribs, frames, |t| wind(t) * STRENGTH)
 }
 
-/// How a blade with this midrib (≥ 2 points) moves under `wind`, an acceleration in m/s² at a time in
-/// seconds: `frames` samples, evenly over two seconds from rest.
+/// How blades with these midribs (≥ 2 points) move under `wind`, an acceleration in m/s² at a time in
+/// seconds: `frames` samples, evenly over two seconds from rest, of each.
 ///
-/// The stiffness of a chain depends on its number of links, so the midrib is simulated with 16
+/// The stiffness of a chain depends on its number of links, so each midrib is simulated with 16
 /// links whatever its own number, and its vertices are carried along by cubic interpolation.
-/// O(frames · vertices + 120 · 16).
-pub fn motion_under(midrib: &[Vec3], frames: usize, wind: impl Fn(f32) -> Vec3) -> Motion {
+/// O(blades · (frames · vertices + 120 · 16)).
+pub fn motions_under(midribs: &[&[Vec3]], frames: usize, wind: impl Fn(f32) -> Vec3) -> Vec<Motion> {
     const LINKS: usize = 16;
     const STEPS: usize = 120;
     const DT: f32 = 1.0 / 60.0;
     let params = StrandParams::default();
-    let cumulative = polyline::cumulative_length(midrib);
-    let total = cumulative.last().copied().unwrap_or(0.0).max(f32::MIN_POSITIVE);
-    let mut strand = Strand::at_rest(&polyline::resample(midrib, LINKS + 1));
-    let mut motion = Vec::with_capacity(frames);
-    for step in 1..=STEPS {
-        strand.step(DT, wind(step as f32 * DT), &params);
-        if step * frames / STEPS > (step - 1) * frames / STEPS {
-            let at = |s: &f32| cubic(strand.positions(), s / total * LINKS as f32);
-            motion.push(cumulative.iter().map(at).collect());
+    let mut motions = Vec::with_capacity(midribs.len());
+    for midribs in midribs.chunks(Strands::MOST) {
+        let rest: Vec<Vec<Vec3>> =
+            midribs.iter().map(|midrib| polyline::resample(midrib, LINKS + 1)).collect();
+        // Where each vertex is on the chain, in links from the root.
+        let places: Vec<Vec<f32>> = midribs
+            .iter()
+            .map(|midrib| {
+                let cumulative = polyline::cumulative_length(midrib);
+                let total = cumulative.last().copied().unwrap_or(0.0).max(f32::MIN_POSITIVE);
+                cumulative.iter().map(|s| s / total * LINKS as f32).collect()
+            })
+            .collect();
+        let mut strands = Strands::at_rest(&rest);
+        let first = motions.len();
+        motions.extend(midribs.iter().map(|_| Motion::with_capacity(frames)));
+        for step in 1..=STEPS {
+            strands.step(DT, wind(step as f32 * DT), &params);
+            if step * frames / STEPS > (step - 1) * frames / STEPS {
+                for (strand, (motion, places)) in motions[first..].iter_mut().zip(&places).enumerate() {
+                    let positions = strands.positions(strand);
+                    motion.push(places.iter().map(|place| cubic(&positions, *place)).collect());
+                }
+            }
         }
     }
-    motion
+    motions
 }
 
 /// The Catmull–Rom curve through `points` (≥ 2) at `t` links from the first.
@@ -221,29 +273,40 @@ mod tests {
     #[test]
     fn a_strand_at_rest_without_wind_stays_at_rest() {
         let rest = arc(33);
-        let mut strand = Strand::at_rest(&rest);
+        let mut strand = Strands::at_rest(std::slice::from_ref(&rest));
         for _ in 0..600 {
             strand.step(1.0 / 60.0, Vec3::ZERO, &StrandParams::default());
         }
-        let moved = strand.positions().iter().zip(&rest).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+        let positions = strand.positions(0);
+        let moved = positions.iter().zip(&rest).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
         assert!(moved < 2e-4, "{moved}");
+    }
+
+    #[test]
+    fn strands_side_by_side_move_as_each_alone() {
+        let shapes: Vec<Vec<Vec3>> =
+            (0..11).map(|k| arc(40 + k).iter().map(|p| *p * (1.0 + 0.1 * k as f32)).collect()).collect();
+        let midribs: Vec<&[Vec3]> = shapes.iter().map(Vec::as_slice).collect();
+        let together = motions_in_wind(&midribs, 5);
+        let alone: Vec<Motion> = midribs.iter().map(|midrib| motion_in_wind(midrib, 5)).collect();
+        assert_eq!(together, alone);
     }
 
     #[test]
     fn wind_bends_it_keeps_its_length_and_it_comes_back() {
         let rest = arc(33);
-        let mut strand = Strand::at_rest(&rest);
+        let mut strand = Strands::at_rest(std::slice::from_ref(&rest));
         for _ in 0..60 {
             strand.step(1.0 / 60.0, Vec3::Z * 12.0, &StrandParams::default());
         }
-        let tip = strand.positions()[32];
+        let tip = strand.positions(0)[32];
         assert!(tip.z > rest[32].z + 0.01, "the tip goes with the wind: {tip}");
-        assert!((polyline::length(strand.positions()) / polyline::length(&rest) - 1.0).abs() < 1e-4);
-        assert_eq!(strand.positions()[..2], rest[..2]);
+        assert!((polyline::length(&strand.positions(0)) / polyline::length(&rest) - 1.0).abs() < 1e-4);
+        assert_eq!(strand.positions(0)[..2], rest[..2]);
         for _ in 0..1200 {
             strand.step(1.0 / 60.0, Vec3::ZERO, &StrandParams::default());
         }
-        assert!(strand.positions()[32].distance(rest[32]) < 0.01 * 0.2);
+        assert!(strand.positions(0)[32].distance(rest[32]) < 0.01 * 0.2);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use common::blade::{Blade, BladeId, Knot};
 use common::refine::{RefineParams, Refined, refine};
-use common::strand::motion_in_wind;
+use common::strand::motions_in_wind;
 use glam::{Affine3A, Vec3};
 
 use super::confidence::Evidence;
@@ -191,33 +191,44 @@ pub fn accept(
     Ok(())
 }
 
-/// Refines a skeleton in the blade frame and gives it its identity: `index` in the capture that the
-/// frame at `timestamp_ns` completed.
-///
-/// # Errors
-/// [`Refusal::NoShape`] when its knots break an invariant of [`Blade`].
+/// Refines skeletons in the blade frame and gives them their identities, in the capture that the frame at
+/// `timestamp_ns` completed: the blades in the order of the skeletons, and why others are none, which is
+/// [`Refusal::NoShape`] when the knots break an invariant of [`Blade`]. All at once, for their motions
+/// are simulated side by side.
 pub fn finish(
-    lifted: &Lifted,
-    evidence: Evidence,
+    accepted: &[(&Lifted, Evidence)],
     timestamp_ns: u64,
-    index: u32,
     pose: &CameraPose,
     params: &RefineParams,
-) -> Result<CapturedBlade, Refusal> {
+) -> (Vec<CapturedBlade>, Vec<Refusal>) {
     let rotation = pose.blade_from_camera();
-    let root = lifted.knots_in_camera[0].position;
-    let blade_from_camera = Affine3A::from_mat3_translation(rotation, -(rotation * root));
-    let skeleton = moved(&lifted.knots_in_camera, blade_from_camera);
-    let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
-    let Refined { knots, hausdorff_m } = refine(&skeleton, &motion_in_wind(&midrib, MOTION_FRAMES), params);
-    let quality = quality(lifted, evidence, hausdorff_m);
-    let id = BladeId::of(timestamp_ns, index, &knots);
-    let name = format!("blade-{}", &id.to_string()[..8]);
-    let knots_in_camera = moved(&knots, blade_from_camera.inverse());
-    let size = [lifted.length_m, lifted.max_width_m()];
-    let blade =
-        Blade::new(id, name, knots, size, timestamp_ns, quality.score).map_err(|_| Refusal::NoShape)?;
-    Ok(CapturedBlade { blade, knots_in_camera, quality })
+    let in_blade_frame = |lifted: &Lifted| {
+        let root = lifted.knots_in_camera[0].position;
+        let blade_from_camera = Affine3A::from_mat3_translation(rotation, -(rotation * root));
+        (moved(&lifted.knots_in_camera, blade_from_camera), blade_from_camera.inverse())
+    };
+    let skeletons: Vec<_> = accepted.iter().map(|(lifted, _)| in_blade_frame(lifted)).collect();
+    let midrib = |(knots, _): &(Vec<Knot>, Affine3A)| knots.iter().map(|knot| knot.position).collect();
+    let midribs: Vec<Vec<Vec3>> = skeletons.iter().map(midrib).collect();
+    let midribs: Vec<&[Vec3]> = midribs.iter().map(Vec::as_slice).collect();
+    let motions = motions_in_wind(&midribs, MOTION_FRAMES);
+
+    let (mut blades, mut refused) = (Vec::new(), Vec::new());
+    for (((lifted, evidence), (skeleton, camera_from_blade)), motion) in
+        accepted.iter().zip(skeletons).zip(&motions)
+    {
+        let Refined { knots, hausdorff_m } = refine(&skeleton, motion, params);
+        let quality = quality(lifted, *evidence, hausdorff_m);
+        let id = BladeId::of(timestamp_ns, blades.len() as u32, &knots);
+        let name = format!("blade-{}", &id.to_string()[..8]);
+        let knots_in_camera = moved(&knots, camera_from_blade);
+        let size = [lifted.length_m, lifted.max_width_m()];
+        match Blade::new(id, name, knots, size, timestamp_ns, quality.score) {
+            Ok(blade) => blades.push(CapturedBlade { blade, knots_in_camera, quality }),
+            Err(_) => refused.push(Refusal::NoShape),
+        }
+    }
+    (blades, refused)
 }
 
 fn moved(knots: &[Knot], by: Affine3A) -> Vec<Knot> {
@@ -300,7 +311,9 @@ mod tests {
         let (mut lifted, mut margins, mut evidence) = good();
         change(&mut lifted, &mut margins, &mut evidence);
         accept(&lifted, &margins, &evidence, &AcceptParams::default())?;
-        finish(&lifted, evidence, 1, 0, &CameraPose::default(), &RefineParams::default()).map(|_| ())
+        let accepted = [(&lifted, evidence)];
+        let (_, refused) = finish(&accepted, 1, &CameraPose::default(), &RefineParams::default());
+        refused.first().map_or(Ok(()), |refusal| Err(*refusal))
     }
 
     #[test]

@@ -27,30 +27,48 @@ pub struct Field {
 impl Field {
     /// Distance at a point, pixels: over the nearest pixel of the region, 0 far from all.
     pub fn at(&self, point: Vec2) -> f32 {
-        let [x0, y0, x1, y1] = self.bounds;
+        let [x0, y0, x1, y1] = self.bounds.map(|bound| bound as isize);
         let (x, y) = (point.x.floor() as isize, point.y.floor() as isize);
+        let columns = (x - 1).max(x0)..(x + 3).min(x1);
         let mut best = f32::INFINITY;
-        for (v, u) in (y - 1..=y + 2).flat_map(|v| (x - 1..=x + 2).map(move |u| (v, u))) {
-            let inside = u >= x0 as isize && v >= y0 as isize && u < x1 as isize && v < y1 as isize;
-            if !inside {
-                continue;
-            }
-            let twelfths = self.twelfths[(v as usize - y0) * (x1 - x0) + u as usize - x0];
-            if twelfths != u32::MAX {
-                let pixel = Vec2::new(u as f32, v as f32);
-                best = best.min(twelfths as f32 / 12.0 + pixel.distance(point));
+        if columns.is_empty() {
+            return 0.0;
+        }
+        for v in (y - 1).max(y0)..(y + 3).min(y1) {
+            let start = (v - y0) * (x1 - x0) - x0;
+            let row = &self.twelfths[(start + columns.start) as usize..(start + columns.end) as usize];
+            for (u, twelfths) in columns.clone().zip(row) {
+                let over = *twelfths as f32 / 12.0;
+                // Far beyond all that can be where there is none.
+                if over < best {
+                    best = best.min(over + Vec2::new(u as f32, v as f32).distance(point));
+                }
             }
         }
-        if best.is_finite() { best } else { 0.0 }
+        if best < FAR_PX { best } else { 0.0 }
+    }
+
+    /// The pixel that is farthest from the root, the first of several.
+    fn farthest(&self) -> Option<usize> {
+        let reached = |twelfths: &u32| twelfths.wrapping_add(1);
+        let most = self.twelfths.iter().map(reached).max().filter(|most| *most > 0)?;
+        self.twelfths.iter().position(|twelfths| reached(twelfths) == most)
     }
 }
+
+/// Farther than any pixel is from another within a picture, pixels.
+const FAR_PX: f32 = 1e8;
 
 impl Blob {
     pub(super) fn of(mask: &Mask, labels: &Labels, label: u16) -> Option<Self> {
         let bounds = labels.regions.iter().find(|region| region.label == label)?.bounds;
         let [x0, y0, x1, y1] = bounds;
-        let pixels = (y0..y1).flat_map(|y| (x0..x1).map(move |x| y * mask.width + x));
-        let body = pixels.map(|index| labels.of[index] == label && mask.occupancy[index] >= 0.5).collect();
+        let mut body = Vec::with_capacity((x1 - x0) * (y1 - y0));
+        for y in y0..y1 {
+            let row = y * mask.width + x0..y * mask.width + x1;
+            let pixels = labels.of[row.clone()].iter().zip(&mask.occupancy[row]);
+            body.extend(pixels.map(|(of, occupancy)| (*of == label) & (*occupancy >= 0.5)));
+        }
         Some(Self { bounds, width: x1 - x0, body })
     }
 
@@ -91,16 +109,19 @@ impl Blob {
         lowest.map(|(_, index)| index)
     }
 
-    /// The lower one of the two pixels that are farthest apart within the blob.
-    pub(super) fn lower_end(&self, from: usize, down: Vec2) -> usize {
-        let farthest = |from: usize| {
-            let twelfths = distances(&self.body, self.width, &[from]);
-            let reached = (0..self.body.len()).filter(|index| twelfths[*index] != u32::MAX);
-            reached.max_by_key(|index| (twelfths[*index], Reverse(*index))).unwrap_or(from)
-        };
-        let one = farthest(from);
-        let other = farthest(one);
-        if self.height_below(one, down) > self.height_below(other, down) { one } else { other }
+    /// Distances from the lower one of the two pixels that are farthest apart within the blob, of which
+    /// those from one pixel, `start`, are known.
+    pub(super) fn distance_from_lower_end(&self, start: usize, from_start: &Field, down: Vec2) -> Field {
+        let one = from_start.farthest().unwrap_or(start);
+        let from_one = self.distance_from(&[one]);
+        let other = from_one.farthest().unwrap_or(one);
+        if self.height_below(one, down) > self.height_below(other, down) {
+            from_one
+        } else if other == start {
+            from_start.clone()
+        } else {
+            self.distance_from(&[other])
+        }
     }
 
     /// Where the blob leaves the region: the run of pixels along the border that is nearest to all of it
@@ -197,9 +218,10 @@ pub(super) fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32
         so_far += 1;
         turn = (turn + 1) % BUCKETS;
     }
-    let rows = distance[padded..].chunks(padded).zip(body.chunks(width));
-    rows.flat_map(|(row, body)| {
-        row[1..].iter().zip(body).map(|(distance, body)| if *body { *distance } else { u32::MAX })
-    })
-    .collect()
+    let mut unpadded = Vec::with_capacity(body.len());
+    for (row, body) in distance[padded..].chunks(padded).zip(body.chunks(width)) {
+        let pixels = row[1..].iter().zip(body);
+        unpadded.extend(pixels.map(|(distance, body)| if *body { *distance } else { u32::MAX }));
+    }
+    unpadded
 }

@@ -70,8 +70,11 @@ impl Labels {
     /// Lets the regions grow into neighbours that are seldom occupied, and finds their bounds.
     fn grow_fringes(&mut self, width: usize, region: [usize; 4], occupancy: &[f32], depth_m: &[f32]) {
         let [x0, y0, x1, y1] = region;
-        let inside = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).map(|(x, y)| y * width + x);
-        let mut front: Vec<usize> = inside.filter(|index| self.of[*index] != 0).collect();
+        let mut front: Vec<usize> = Vec::new();
+        for start in (y0..y1).map(|y| y * width) {
+            let row = self.of[start + x0..start + x1].iter().zip(start + x0..);
+            front.extend(row.filter(|(label, _)| **label != 0).map(|(_, index)| index));
+        }
         let mut next = 0;
         while next < front.len() {
             let index = front[next];
@@ -142,7 +145,8 @@ impl Mask {
     pub fn index_at(&self, point: glam::Vec2) -> Option<usize> {
         // Where it lies inside, the casts round down; those to signed numbers are the fastest.
         let (x, y) = (point.x + 0.5, point.y + 0.5);
-        let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
+        let [width, height] = [self.width, self.height].map(|size| size as i32 as f32);
+        let inside = x >= 0.0 && y >= 0.0 && x < width && y < height;
         inside.then(|| y as i32 as usize * self.width + x as i32 as usize)
     }
 
@@ -173,7 +177,8 @@ const FRINGE_OCCUPANCY: f32 = 0.1;
 pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
     let (width, height) = (accumulation.width, accumulation.height);
     let frames = accumulation.frames.max(1) as f32;
-    let unseen = accumulation.silent.iter().map(|silent| f32::from(*silent) > 0.5 * frames).collect();
+    let half_of_them = (accumulation.frames.max(1) / 2) as u16;
+    let unseen = accumulation.silent.iter().map(|silent| *silent > half_of_them).collect();
     let region = params.region(width, height);
     let mut mask = Mask {
         width,
@@ -189,9 +194,12 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         blobs: Labels::none(width * height),
         pieces: Labels::none(width * height),
     };
-    for index in mask.pixels_seen().filter(|index| accumulation.hits[*index] > 0) {
-        mask.occupancy[index] = f32::from(accumulation.hits[index]) / frames;
-        mask.depth_m[index] = accumulation.mean_m(index);
+    let [x0, y0, x1, y1] = mask.seen;
+    for row in (y0..y1).map(|y| y * width + x0..y * width + x1) {
+        for (index, hits) in row.clone().zip(&accumulation.hits[row]).filter(|(_, hits)| **hits > 0) {
+            mask.occupancy[index] = f32::from(*hits) / frames;
+            mask.depth_m[index] = accumulation.mean_m(index);
+        }
     }
     bridge_gaps(&mut mask, params.bridge_px);
     label_bodies(&mut mask, params.min_area_px);
@@ -296,26 +304,41 @@ pub(super) fn components(
     admits: impl Fn(usize) -> bool,
     connected: impl Fn(usize, usize) -> bool,
 ) -> Vec<Vec<u32>> {
-    let mut found = Vec::new();
-    let mut visited = vec![false; mask.blobs.of.len()];
+    let [x0, y0, x1, y1] = mask.seen;
+    let (mut found, mut front): (Vec<Vec<u32>>, Vec<u32>) = Default::default();
+    // Of those that are let in, which are not found yet.
+    let mut left = vec![false; y1 * mask.width];
+    for row in (y0..y1).map(|y| y * mask.width + x0..y * mask.width + x1) {
+        left[row.clone()].iter_mut().zip(row).for_each(|(left, index)| *left = admits(index));
+    }
+    let width = mask.width as isize;
+    let around = [-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1];
     for start in mask.pixels_seen() {
-        if visited[start] || !admits(start) {
+        if !left[start] {
             continue;
         }
-        visited[start] = true;
-        let mut pixels = vec![start as u32];
+        left[start] = false;
+        front.push(start as u32);
         let mut next = 0;
-        while next < pixels.len() {
-            let index = pixels[next] as usize;
+        while next < front.len() {
+            let index = front[next] as usize;
             next += 1;
-            for other in neighbours(index, mask.width, mask.seen) {
-                if !visited[other] && admits(other) && connected(index, other) {
-                    visited[other] = true;
-                    pixels.push(other as u32);
+            let mut visit = |other: usize| {
+                if left[other] && connected(index, other) {
+                    left[other] = false;
+                    front.push(other as u32);
                 }
+            };
+            let (x, y) = (index as u32 % mask.width as u32, index as u32 / mask.width as u32);
+            let (x, y) = (x as usize, y as usize);
+            if x > x0 && y > y0 && x + 1 < x1 && y + 1 < y1 {
+                around.iter().for_each(|offset| visit(index.wrapping_add_signed(*offset)));
+            } else {
+                neighbours(index, mask.width, mask.seen).for_each(visit);
             }
         }
-        found.push(pixels);
+        found.push(front.clone());
+        front.clear();
     }
     found
 }
@@ -371,7 +394,7 @@ const MIN_PIECE_PX: usize = 24;
 fn label_pieces(mask: &mut Mask, accumulation: &Accumulation) {
     let step = fine_step_m(mask.depth_noise_m);
     // A pixel that showed one surface in some frames and another in others has a mean between both.
-    let mut spreads = vec![0.0; mask.blobs.of.len()];
+    let mut spreads = vec![0.0; mask.seen[3] * mask.width];
     let mut typical: Vec<f32> = Vec::new();
     for index in mask.pixels_seen().filter(|index| mask.blobs.of[*index] != 0) {
         spreads[index] = accumulation.spread_m(index);

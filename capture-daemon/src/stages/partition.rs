@@ -70,9 +70,10 @@ const FORKED: f32 = -0.2;
 /// is the hub; extrema count by their persistence; a blade is cut at its inner gap, straight across.
 pub fn flow(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionParams) -> Vec<Part> {
     let Some(points) = evenly(outline) else { return Vec::new() };
-    let Some((Walk { points, flow, tips }, _)) = walk(mask, labels, outline.label, &points, params) else {
+    let Some((field, walked)) = walk(mask, labels, outline.label, &points, params) else {
         return Vec::new();
     };
+    let Walk { points, flow, tips } = walked.unwrap_or_else(|| Walk::from_root(&points, &field, params));
     let mut gaps = vec![0];
     gaps.extend(tips.windows(2).map(|pair| argmin(&flow, pair[0]..pair[1])));
     gaps.push(flow.len() - 1);
@@ -94,7 +95,7 @@ pub fn flow(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionP
 /// Distance from its root to each pixel of the region behind an outline.
 pub fn root_distance(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionParams) -> Field {
     let walked = evenly(outline).and_then(|points| walk(mask, labels, outline.label, &points, params));
-    walked.map_or_else(Field::default, |(_, field)| field)
+    walked.map_or_else(Field::default, |(field, _)| field)
 }
 
 /// The outline at points one pixel apart; `None` if it is too short to be a blade's.
@@ -110,33 +111,34 @@ fn evenly(outline: &Outline) -> Option<Vec<Vec2>> {
     Some(points)
 }
 
-/// Walks an outline from its root.
+/// Distance from the root of an outline; and the walk from there, where the root is not told without it.
 fn walk(
     mask: &Mask,
     labels: &Labels,
     label: u16,
     points: &[Vec2],
     params: &PartitionParams,
-) -> Option<(Walk, Field)> {
+) -> Option<(Field, Option<Walk>)> {
     let blob = Blob::of(mask, labels, label)?;
-    let walk = |roots: &[usize]| {
-        let field = blob.distance_from(roots);
-        (Walk::from_root(points, &field, params), field)
-    };
-    // The end of a single blade need not be its lowest pixel: it can sag between its ends. The ends
-    // of a tuft are two of its tips: its root is what is lowest.
     let grip = blob.beside(|index| mask.hand.get(index) == Some(&true), mask.width);
     if grip.len() >= MIN_BORDER_PX {
-        return Some(walk(&grip));
+        return Some((blob.distance_from(&grip), None));
     }
     if let Some(border) = blob.border(mask.region) {
         let stem = towards_stem(mask, &blob, &border);
-        return Some(walk(&stem.map_or(border, |nearest| vec![nearest])));
+        return Some((blob.distance_from(&stem.map_or(border, |nearest| vec![nearest])), None));
     }
+    // The end of a single blade need not be its lowest pixel: it can sag between its ends. The ends
+    // of a tuft are two of its tips: its root is what is lowest.
     let lowest = blob.lowest(params.down)?;
-    let single = walk(&[blob.lower_end(lowest, params.down)]);
-    let from_lowest = walk(&[lowest]);
-    Some(if single.0.tips.len() > 1 || from_lowest.0.is_forked() { from_lowest } else { single })
+    let from_lowest = blob.distance_from(&[lowest]);
+    let from_end = blob.distance_from_lower_end(lowest, &from_lowest, params.down);
+    let single = Walk::from_root(points, &from_end, params);
+    if single.tips.len() > 1 {
+        return Some((from_lowest, None));
+    }
+    let tuft = Walk::from_root(points, &from_lowest, params);
+    Some(if tuft.is_forked() { (from_lowest, Some(tuft)) } else { (from_end, Some(single)) })
 }
 
 /// Of a piece that leaves the region elsewhere than the blob that it is a part of: the pixel nearest to

@@ -93,7 +93,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     tuft::gather(mask, &mut ribbons, params);
     ribbons.extend(attached);
     for ribbon in &mut ribbons {
-        for wavelength_px in [18.0, 24.0, MIDRIB_WAVELENGTH_PX] {
+        for wavelength_px in [24.0, MIDRIB_WAVELENGTH_PX] {
             settle(mask, &mut ribbon.sections, wavelength_px);
         }
     }

@@ -221,7 +221,8 @@ impl Expected {
         }
         let mut beyond = |steps: i32| sights.at(side * (last + steps));
         const SHADOW: i32 = ((1.5 + SHADOW_PX) / STEP_PX) as i32;
-        if let Some(nearer) = (1..=SHADOW).find(|j| beyond(*j) == Sight::Nearer) {
+        // What is nearer is no narrower than a pixel.
+        if let Some(nearer) = (1..=SHADOW).step_by(2).find(|j| beyond(*j) == Sight::Nearer) {
             // Hidden, unless what is nearer begins only behind a stretch of plain background.
             let background = (1..=8).find(|j| beyond(*j) == Sight::Empty);
             if background.is_none_or(|b| nearer < b + 2) {
@@ -245,10 +246,12 @@ impl Expected {
         });
         let from = start as f32 * STEP_PX;
         let steps = last - start + (SMEAR_PX / STEP_PX) as i32;
-        let covered: f32 = (0..steps)
-            .map(|j| self.coverage(mask, side as f32 * (from + (j as f32 + 0.5) * STEP_PX), against))
+        // Its bilinear course summed at every pixel is all of it, where it runs along rows or columns, and
+        // nearly so where it does not.
+        let covered: f32 = (0..(steps + 1) / 2)
+            .map(|j| self.coverage(mask, side as f32 * (from + (j as f32 + 0.5)), against))
             .sum();
-        Some(side as f32 * (from + STEP_PX * covered))
+        Some(side as f32 * (from + covered))
     }
 
     /// The edge to one side of a blade that lies wholly to the other side of the middle.
@@ -265,28 +268,35 @@ impl Expected {
     /// Share of a point that is of the blade, bilinear; `against`: depth of what is behind its edge.
     fn coverage(&self, mask: &Mask, t: f32, against: Option<f32>) -> f32 {
         let point = self.mid + self.across * t;
-        let inside = |at: f32, size: usize| at >= 0.0 && at <= (size - 1) as f32;
+        // From and to signed numbers the casts are the fastest.
+        let inside = |at: f32, size: usize| at >= 0.0 && at <= (size as i32 - 1) as f32;
         if !(inside(point.x, mask.width) && inside(point.y, mask.height)) {
             return 0.0;
         }
         // The casts round down.
-        let (x0, y0) = (point.x as i32 as usize, point.y as i32 as usize);
+        let (x0, y0) = (point.x as i32, point.y as i32);
         let (fx, fy) = (point.x - x0 as f32, point.y - y0 as f32);
+        let (x0, y0) = (x0 as usize, y0 as usize);
         let here = self.depth_at(t);
-        let per_m = against.map_or(0.0, |behind| 1.0 / (behind - here).max(1e-4));
-        let at = |index: usize| {
-            let (occupancy, depth) = (mask.occupancy[index], mask.depth_m[index]);
-            match against {
-                Some(behind) if occupancy > 0.0 => occupancy * ((behind - depth) * per_m).clamp(0.0, 1.0),
-                None if (depth - here).abs() <= 2.0 * self.tolerance_m => occupancy,
-                _ => 0.0,
-            }
-        };
         let upper = y0 * mask.width + x0;
         let right = usize::from(x0 + 1 < mask.width);
         let lower = if y0 + 1 < mask.height { upper + mask.width } else { upper };
-        (at(upper) * (1.0 - fx) + at(upper + right) * fx) * (1.0 - fy)
-            + (at(lower) * (1.0 - fx) + at(lower + right) * fx) * fy
+        // The four pixels around are reckoned with together.
+        let around = |of: &[f32]| [of[upper], of[upper + right], of[lower], of[lower + right]];
+        let (occupancy, depth) = (around(&mask.occupancy), around(&mask.depth_m));
+        let shares: [f32; 4] = match against {
+            Some(behind) => {
+                let per_m = 1.0 / (behind - here).max(1e-4);
+                std::array::from_fn(|k| occupancy[k] * ((behind - depth[k]) * per_m).clamp(0.0, 1.0))
+            }
+            None => {
+                let reach = 2.0 * self.tolerance_m;
+                std::array::from_fn(|k| if (depth[k] - here).abs() <= reach { occupancy[k] } else { 0.0 })
+            }
+        };
+        let [upper_left, upper_right, lower_left, lower_right] = shares;
+        (upper_left * (1.0 - fx) + upper_right * fx) * (1.0 - fy)
+            + (lower_left * (1.0 - fx) + lower_right * fx) * fy
     }
 
     /// ∫ coverage over the whole cross-section, pixels: its width, however thin.

@@ -85,21 +85,28 @@ fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64,
     }
 }
 
-/// What was measured, as seen from a place so near that it would be measured alike.
+/// What was measured, as seen from a place so near that it would be measured alike: the edges stay where
+/// they are in the image.
 fn moved(Section { expected, measured, guide_px, .. }: &Section, to: &Expected) -> Option<Measured> {
-    const NEAR_PX: f32 = 0.08;
+    const NEAR_PX: f32 = 0.25;
+    const NEAR_TOLERANCES: f32 = 0.25;
     let by = to.mid - expected.mid;
+    let aside = by.dot(to.across);
     let turned_px = (to.across - expected.across).length() * to.half_px;
     let tilted_m = (to.slope_m - expected.slope_m) * to.half_px;
+    // Where less is searched, its edges have to be found all the same.
+    let within = |edge: Option<f32>| edge.is_none_or(|e| (e - aside).abs() <= to.half_px + to.search_px);
     let near = by.length() + turned_px < NEAR_PX
-        && (to.half_px - expected.half_px).abs() + (to.search_px - expected.search_px).abs() < 3.0 * NEAR_PX
-        && (to.depth_m - expected.depth_m).abs() + tilted_m.abs() < 0.1 * to.tolerance_m
+        && (to.half_px - expected.half_px).abs() < 3.0 * NEAR_PX
+        && to.search_px < expected.search_px + 3.0 * NEAR_PX
+        && within(measured.left_px)
+        && within(measured.right_px)
+        && (to.depth_m - expected.depth_m).abs() + tilted_m.abs() < NEAR_TOLERANCES * to.tolerance_m
         && to.tolerance_m == expected.tolerance_m;
     // Edges that were doubted are to be looked for again.
     if !near || measured.middle != Middle::Blade || guide_px.is_some() {
         return None;
     }
-    let aside = by.dot(to.across);
     let [moment, square] = measured.slope_moments;
     Some(Measured {
         left_px: measured.left_px.map(|left| left - aside),
@@ -121,26 +128,26 @@ fn slopes(sections: &[Section]) -> Vec<f32> {
             (-0.5 * away * away).exp()
         })
         .collect();
-    let moments: Vec<[f32; 2]> = sections
-        .iter()
-        .map(|Section { expected, measured, guide_px, .. }| {
-            let [moment, square] = measured.slope_moments;
-            // The moments are those of what was left over the slope expected then.
-            if guide_px.is_some() { [0.0; 2] } else { [moment + expected.slope_m * square, square] }
-        })
-        .collect();
-    let mut slopes: Vec<f32> = (0..sections.len())
-        .map(|i| {
-            let first = i.saturating_sub(half);
-            let window = &moments[first..(i + half + 1).min(moments.len())];
-            let away = |k: usize| i.abs_diff(first + k);
-            let [ta, tt] = window.iter().enumerate().fold([0.0, RIDGE], |[ta, tt], (k, [moment, square])| {
-                let weight = weights[away(k)];
-                [ta + weight * moment, tt + weight * square]
-            });
-            ta / tt
-        })
-        .collect();
+    let moments = sections.iter().map(|Section { expected, measured, guide_px, .. }| {
+        let [moment, square] = measured.slope_moments;
+        // The moments are those of what was left over the slope expected then.
+        if guide_px.is_some() { (0.0, 0.0) } else { (moment + expected.slope_m * square, square) }
+    });
+    let (moments, squares): (Vec<f32>, Vec<f32>) = moments.unzip();
+    // One neighbour after the other for all sections together: the processor adds several at a time.
+    let n = sections.len();
+    let around = |values: &[f32], start: f32| {
+        let mut sums = vec![start; n];
+        for away in (1..=half.min(n)).rev() {
+            sums[away..].iter_mut().zip(values).for_each(|(sum, value)| *sum += weights[away] * value);
+        }
+        for away in 0..=half.min(n) {
+            sums.iter_mut().zip(&values[away..]).for_each(|(sum, value)| *sum += weights[away] * value);
+        }
+        sums
+    };
+    let (fitted, weighed) = (around(&moments, 0.0), around(&squares, RIDGE));
+    let mut slopes: Vec<f32> = fitted.iter().zip(&weighed).map(|(ta, tt)| ta / tt).collect();
     // Where a blade is only guided, what is seen may be its neighbour's: it goes on as it was.
     for i in (0..sections.len().saturating_sub(1)).rev() {
         if sections[i].guide_px.is_some() {

@@ -5,12 +5,12 @@
 //! vertices in a gust that refinement has not seen, the knots are carried along by it, and points
 //! at equal shares of the arc length are compared. Simulating the few knots by themselves
 //! mixes in how well a chain of few links imitates the stiffness of one of many, which is the
-//! simulation's affair; with the links evened out, as [`motion_under`] does, it is measured too.
+//! simulation's affair; with the links evened out, as [`motions_under`] does, it is measured too.
 
 use common::blade::Knot;
 use common::geometry::{distance, polyline};
 use common::refine::{RefineMethod, RefineParams, refine};
-use common::strand::{Motion, motion_in_wind, motion_under};
+use common::strand::{Motion, motion_in_wind, motions_under};
 use glam::{DVec3, Vec3};
 
 use super::blade::{Section, Shape, SyntheticBlade};
@@ -77,11 +77,12 @@ pub struct Fidelity {
 /// Compares `few` knots with the skeleton that they were made from.
 pub fn fidelity(skeleton: &[Knot], few: &[Knot]) -> Fidelity {
     let (full, few) = (midrib(skeleton), midrib(few));
-    let motion = motion_under(&full, FRAMES, gust);
+    let motions = motions_under(&[&full, &few], FRAMES, gust);
+    let (motion, of_few) = (&motions[0], &motions[1]);
     Fidelity {
         hausdorff_m: distance::hausdorff(&full, &few),
-        carried_m: farthest_apart(&full, &motion, &few, &carried(&full, &motion, &few)),
-        simulated_m: farthest_apart(&full, &motion, &few, &motion_under(&few, FRAMES, gust)),
+        carried_m: farthest_apart(&full, motion, &few, &carried(&full, motion, &few)),
+        simulated_m: farthest_apart(&full, motion, &few, of_few),
     }
 }
 

@@ -41,16 +41,15 @@ impl Parabola {
             return None;
         }
         // Gauss on the normal equations, a row as three coefficients and the right side.
-        let mut rows: Vec<[f64; 4]> = (0..n)
-            .map(|row| {
-                let [a, b, mut c] =
-                    [0, 1, 2].map(|column| if column < n { self.powers[row + column] } else { 0.0 });
-                if row == 2 {
-                    c += ridge * self.powers[0];
-                }
-                [a, b, c, self.values[row]]
-            })
-            .collect();
+        let mut rows: [[f64; 4]; 3] = std::array::from_fn(|row| {
+            let [a, b, mut c] =
+                [0, 1, 2].map(|column| if column < n { self.powers[row + column] } else { 0.0 });
+            if row == 2 {
+                c += ridge * self.powers[0];
+            }
+            [a, b, c, self.values[row]]
+        });
+        let rows = &mut rows[..n];
         for pivot in 0..n {
             let pivot_row = rows[pivot];
             if pivot_row[pivot].abs() < 1e-9 {

@@ -40,57 +40,69 @@ impl Penalised {
             return Self { weights: weights.to_vec(), band: Vec::new() };
         }
         let lambda = (wavelength / std::f64::consts::TAU).powi(2 * ORDER as i32);
-        let mut band = vec![[0.0; ORDER + 1]; n];
-        for first in 0..n - ORDER {
-            for a in 0..=ORDER {
-                for b in 0..=a {
-                    band[first + a][a - b] += lambda * STENCIL[a] * STENCIL[b];
+        // But for those near the ends all rows of DᵀD are alike.
+        let penalty = {
+            let mut rows = [[0.0; ORDER + 1]; 2 * ORDER + 1];
+            let n = n.min(rows.len());
+            for first in 0..n - ORDER {
+                for a in 0..=ORDER {
+                    for b in 0..=a {
+                        rows[first + a][a - b] += lambda * STENCIL[a] * STENCIL[b];
+                    }
                 }
             }
-        }
+            rows
+        };
+        let like = |i: usize| i.min(ORDER).max((i + penalty.len()).saturating_sub(n));
+        let mut band: Vec<[f64; ORDER + 1]> = (0..n).map(|i| penalty[like(i)]).collect();
         // The ridge keeps the matrix regular where fewer than three samples are measured.
         let ridge = 1e-12 * (1.0 + lambda);
         for (row, weight) in band.iter_mut().zip(weights) {
             row[0] += weight + ridge;
         }
-        for i in 0..n {
-            let mut row = band[i];
-            for k in (1..=ORDER.min(i)).rev() {
+        // The rows before, the nearest first; before the first row as if there were more, of nothing.
+        let mut before = [[0.0; ORDER + 1]; ORDER];
+        for row in &mut band {
+            for k in (1..=ORDER).rev() {
                 // Entry (i, i − k) of LD.
-                for m in k + 1..=ORDER.min(i) {
-                    row[k] -= row[m] * band[i - k][m - k];
+                for m in k + 1..=ORDER {
+                    row[k] -= row[m] * before[k - 1][m - k];
                 }
             }
             let mut diagonal = row[0];
-            for k in 1..=ORDER.min(i) {
-                let of_l = row[k] * band[i - k][0];
+            for k in 1..=ORDER {
+                let of_l = row[k] * before[k - 1][0];
                 diagonal -= of_l * row[k];
                 row[k] = of_l;
             }
             row[0] = 1.0 / diagonal;
-            band[i] = row;
+            before = [*row, before[0], before[1]];
         }
         Self { weights: weights.to_vec(), band }
     }
 
     /// Smooths a sequence of as many samples as there are weights. O(n).
     pub fn smooth(&self, samples: &[f64]) -> Vec<f64> {
-        let (n, band) = (samples.len(), &self.band);
-        if n <= ORDER {
+        let band = &self.band;
+        if samples.len() <= ORDER {
             return samples.to_vec();
         }
         let mut solution: Vec<f64> = samples.iter().zip(&self.weights).map(|(y, w)| w * y).collect();
-        for i in 0..n {
-            for k in 1..=ORDER.min(i) {
-                solution[i] -= band[i][k] * solution[i - k];
+        let mut before = [0.0; ORDER];
+        for (value, row) in solution.iter_mut().zip(band) {
+            for k in 1..=ORDER {
+                *value -= row[k] * before[k - 1];
             }
+            before = [*value, before[0], before[1]];
         }
-        for i in (0..n).rev() {
-            solution[i] *= band[i][0];
-            for k in 1..=ORDER.min(n - 1 - i) {
-                let above = solution[i + k] * band[i + k][k];
-                solution[i] -= above;
+        let mut after = [(0.0, [0.0; ORDER + 1]); ORDER];
+        for (value, row) in solution.iter_mut().zip(band).rev() {
+            *value *= row[0];
+            for k in 1..=ORDER {
+                let (next, of_next) = after[k - 1];
+                *value -= next * of_next[k];
             }
+            after = [(*value, *row), after[0], after[1]];
         }
         solution
     }
