@@ -26,6 +26,8 @@ pub struct Station {
     pub depth_m: f32,
     /// Slope of depth across, metres a pixel to the right.
     pub slope_m: f32,
+    /// What the halves of a folded blade slope more, metres a pixel away from the midrib; 0 for a flat one.
+    pub fold_m: f32,
 }
 
 /// A blade's midrib from root to tip, at [`STATIONS`] stations evenly along it.
@@ -146,7 +148,8 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     // One sample a pixel over the whole length, the ends pinned where they are points.
     let first = ends.root.floor().min(0.0) as isize;
     let last = ends.tip.ceil().max((n - 1) as f32) as isize;
-    let profile = |side: fn(&Section) -> Option<f32>| {
+    // A crease to the right leaves more of the width to the left.
+    let profile = |side: &dyn Fn(&Section) -> Option<f32>, crease: f32| {
         let (mut values, mut weights) = (Vec::new(), Vec::new());
         for i in first..=last {
             let section = usize::try_from(i).ok().and_then(|i| Some((i, sections.get(i)?)));
@@ -156,7 +159,9 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
                 _ if beyond => (0.0, 1.0),
                 Some((i, section)) => {
                     let seen = side(section).filter(|_| trusted(i));
-                    (seen.unwrap_or(section.expected.half_px), if seen.is_some() { 1.0 } else { 0.01 })
+                    let value =
+                        seen.unwrap_or(section.expected.half_px) + crease * section.expected.fold.at_px;
+                    (value, if seen.is_some() { 1.0 } else { 0.01 })
                 }
                 None => (0.0, 0.0),
             };
@@ -165,28 +170,23 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
         }
         smooth::penalised(&values, &weights, WIDTH_WAVELENGTH_PX)
     };
-    let left = profile(|section| section.measured.left_px.map(|edge| -edge));
-    let right = profile(|section| section.measured.right_px);
-    let straight = |from: usize, to: usize| {
-        (sections[from].expected.mid - sections[to].expected.mid) / (from as f32 - to as f32).abs()
-    };
-    let (root_step, tip_step) = (straight(0, 4), straight(n - 1, n - 5));
-    let climb = |from: usize, to: usize| {
-        (sections[from].expected.depth_m - sections[to].expected.depth_m) / (from as f32 - to as f32).abs()
-    };
-    let (root_climb, tip_climb) = (climb(0, 8.min(n - 1)), climb(n - 1, n.saturating_sub(9)));
+    let left = profile(&|section| section.measured.left_px.map(|edge| -edge), 1.0);
+    let right = profile(&|section| section.measured.right_px, -1.0);
+    // On the midrib: the crease, where there is one.
+    let places: Vec<Place> = sections.iter().map(|section| Place::of(&section.expected)).collect();
+    let step = |from: usize, to: usize| places[from].steps_from(&places[to], (from as f32 - to as f32).abs());
+    let root_step = Place { mid: step(0, 4).mid, ..step(0, 8.min(n - 1)) };
+    let tip_step = Place { mid: step(n - 1, n - 5).mid, ..step(n - 1, n.saturating_sub(9)) };
     let place = |i: f32| {
-        let (first, last) = (&sections[0].expected, &sections[n - 1].expected);
+        let (first, last) = (&places[0], &places[n - 1]);
         let beyond = i - (n - 1) as f32;
         if i < 0.0 {
-            (first.mid - root_step * i, first.depth_m - root_climb * i, first.slope_m)
+            first.carried_on(&root_step, -i)
         } else if beyond > 0.0 {
-            (last.mid + tip_step * beyond, last.depth_m + tip_climb * beyond, last.slope_m)
+            last.carried_on(&tip_step, beyond)
         } else {
             let k = (i as usize).min(n - 2);
-            let (a, b, t) = (&sections[k].expected, &sections[k + 1].expected, i - k as f32);
-            let between = |a: f32, b: f32| a + (b - a) * t;
-            (a.mid.lerp(b.mid, t), between(a.depth_m, b.depth_m), between(a.slope_m, b.slope_m))
+            places[k].between(&places[k + 1], i - k as f32)
         }
     };
     let sample = |profile: &[f64], i: f32| {
@@ -198,7 +198,7 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     let fine: Vec<f32> = (0..4 * STATIONS)
         .map(|k| ends.root + (ends.tip - ends.root) * k as f32 / (4 * STATIONS - 1) as f32)
         .collect();
-    let path: Vec<Vec2> = fine.iter().map(|i| place(*i).0).collect();
+    let path: Vec<Vec2> = fine.iter().map(|i| place(*i).mid).collect();
     let cumulative = polyline::cumulative_length(&path);
     let length_px = cumulative[cumulative.len() - 1];
     let positions = (0..STATIONS).map(|k| {
@@ -207,9 +207,9 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     });
     let mut stations: Vec<Station> = positions
         .map(|i| {
-            let (mid, depth_m, slope_m) = place(i);
+            let Place { mid, depth_m, slope_m, fold_m } = place(i);
             let (left_px, right_px) = (sample(&left, i), sample(&right, i));
-            Station { mid, across: Vec2::X, left_px, right_px, depth_m, slope_m }
+            Station { mid, across: Vec2::X, left_px, right_px, depth_m, slope_m, fold_m }
         })
         .collect();
     for k in 0..STATIONS {
@@ -222,4 +222,45 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
         (tip.left_px, tip.right_px) = (0.0, 0.0);
     }
     Skeleton { stations, length_px }
+}
+
+/// Where a midrib passes, as in [`Station`].
+#[derive(Clone, Copy)]
+struct Place {
+    mid: Vec2,
+    depth_m: f32,
+    slope_m: f32,
+    fold_m: f32,
+}
+
+impl Place {
+    fn of(expected: &Expected) -> Self {
+        let at_px = expected.fold.at_px;
+        Self {
+            mid: expected.mid + expected.across * at_px,
+            depth_m: expected.depth_at(at_px),
+            slope_m: expected.slope_m,
+            fold_m: expected.fold.slope_m,
+        }
+    }
+
+    /// The way from `other` over so many steps, for one of them: slopes stay.
+    fn steps_from(&self, other: &Self, count: f32) -> Self {
+        let (mid, depth_m) = ((self.mid - other.mid) / count, (self.depth_m - other.depth_m) / count);
+        Self { mid, depth_m, slope_m: 0.0, fold_m: 0.0 }
+    }
+
+    fn carried_on(&self, step: &Self, count: f32) -> Self {
+        Self { mid: self.mid + step.mid * count, depth_m: self.depth_m + step.depth_m * count, ..*self }
+    }
+
+    fn between(&self, other: &Self, t: f32) -> Self {
+        let between = |a: f32, b: f32| a + (b - a) * t;
+        Self {
+            mid: self.mid.lerp(other.mid, t),
+            depth_m: between(self.depth_m, other.depth_m),
+            slope_m: between(self.slope_m, other.slope_m),
+            fold_m: between(self.fold_m, other.fold_m),
+        }
+    }
 }
