@@ -216,13 +216,15 @@ fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
     let at = |i: usize| polyline::locate(&cumulative, total * i as f32 / (count - 1) as f32);
     let mids: Vec<Vec2> = (0..count).map(at).map(|(k, t)| midrib[k].lerp(midrib[k + 1], t)).collect();
     let tolerance_m = tolerance_m(mask);
+    // The very end may be too thin for a reading.
+    let first_depth_m = mids.iter().find_map(|mid| depth_near(mask, part.label, *mid))?;
     let mut sections: Vec<Section> = Vec::with_capacity(count);
     for i in 0..count {
         let (k, t) = at(i);
         let half_px = 0.5 * (widths[k] + (widths[k + 1] - widths[k]) * t);
         let across = across_at(&mids, i);
-        let depth_m =
-            depth_near(mask, part.label, mids[i]).or(sections.last().map(|s| s.expected.depth_m))?;
+        let known = depth_near(mask, part.label, mids[i]);
+        let depth_m = known.or(sections.last().map(|s| s.expected.depth_m)).unwrap_or(first_depth_m);
         let expected = Expected {
             mid: mids[i],
             across,

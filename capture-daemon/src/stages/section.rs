@@ -303,10 +303,13 @@ impl Expected {
             + (at(lower) * (1.0 - fx) + at(lower + right) * fx) * fy
     }
 
-    /// ∫ coverage over the whole cross-section, pixels: its width, however thin.
-    pub fn covered_px(&self, mask: &Mask) -> f32 {
+    /// ∫ coverage over the whole cross-section to the left of its middle and to the right, pixels: its half
+    /// widths, however thin.
+    pub(super) fn covered_px(&self, mask: &Mask) -> [f32; 2] {
         let reach = self.half_px + SMEAR_PX;
-        let steps = (2.0 * reach / 0.25).ceil() as i32;
-        (0..steps).map(|j| self.coverage(mask, -reach + (j as f32 + 0.5) * 0.25, None)).sum::<f32>() * 0.25
+        let steps = (reach / 0.25).ceil() as i32;
+        [-0.25, 0.25].map(|step| {
+            (0..steps).map(|j| self.coverage(mask, (j as f32 + 0.5) * step, None)).sum::<f32>() * 0.25
+        })
     }
 }

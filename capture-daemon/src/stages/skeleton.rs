@@ -109,7 +109,14 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
     let right = Vec2::new(-outward.y, outward.x);
     let across = if base.across.dot(right) < 0.0 { -right } else { right };
     let climb = (base.depth_m - at(back * 3).depth_m) / (base.mid.distance(at(back * 3).mid)).max(1.0);
+    // The width that the sections further in lead to.
+    let taper = 2.0 * (base.half_px - at(2 * back).half_px) / back.max(1) as f32;
+    let width = (2.0 * base.half_px).max(0.1);
+    let led = |away: f32| (width + taper.clamp(-0.7, 0.1) * away).max(0.0);
     let mut widths = Vec::with_capacity(back + FORWARD);
+    // Sums over the rows: of the share of that width that is covered, of what is lost of it, of what the
+    // right side keeps more of than the left one.
+    let (mut shares, mut lost, mut skew) = (Vec::with_capacity(back + FORWARD), 0.0, 0.0_f32);
     for k in 0..back + FORWARD {
         let away = k as f32 + 0.5;
         let section = Expected {
@@ -120,22 +127,32 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
             tolerance_m: 2.0 * base.tolerance_m,
             ..*base
         };
-        let width = section.covered_px(mask);
-        if width < 0.05 {
+        let [left, right] = section.covered_px(mask);
+        let covered = left + right;
+        if covered < 0.05 {
             break;
         }
-        widths.push(width);
+        widths.push(covered);
+        shares.push((covered / led(away).max(0.1)).min(1.0));
+        lost += (led(away) - covered).min(covered).max(0.0);
+        skew += right - left;
     }
     let area: f32 = widths.iter().sum();
-    let width = (2.0 * base.half_px).max(0.1);
     // Were it blunt, its last reading would lie no farther than the edge is smeared.
-    let blunt = area / width;
-    let pointed = widths.len() as f32 - blunt > (0.4 * blunt).max(2.2);
-    let outer = if pointed { 0.0 } else { widths.iter().rev().nth(3).copied().unwrap_or(width) };
-    let length = 2.0 * area / (width + outer);
+    let even = area / width;
+    let long = widths.len() as f32 - even > (0.4 * even).max(2.2);
+    // What ends across loses all of its width within that smear; what is cut aslant, one side of it first.
+    let length: f32 = shares.iter().sum();
+    let falling = shares.iter().filter(|share| (0.15..0.85).contains(*share)).count();
+    let across_it = falling <= 3 || skew.abs() > 0.5 * lost;
+    let blunt = !long || (led(length) > (0.4 * width).max(2.0) && across_it);
+    let length = if blunt { length } else { 2.0 * even };
     // No end lies far beyond the last reading of it.
-    Found { back, length: length.min(widths.len() as f32 + 0.4 * width), pointed }
+    Found { back, length: length.min(widths.len() as f32 + 0.4 * width), pointed: !blunt }
 }
+
+/// Sections whose direction is that of what is carried on beyond a blunt end.
+const BLUNT_REACH: usize = 12;
 
 fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     let n = sections.len();
@@ -175,8 +192,11 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     // On the midrib: the crease, where there is one.
     let places: Vec<Place> = sections.iter().map(|section| Place::of(&section.expected)).collect();
     let step = |from: usize, to: usize| places[from].steps_from(&places[to], (from as f32 - to as f32).abs());
-    let root_step = Place { mid: step(0, 4).mid, ..step(0, 8.min(n - 1)) };
-    let tip_step = Place { mid: step(n - 1, n - 5).mid, ..step(n - 1, n.saturating_sub(9)) };
+    // What is carried on beyond a blunt end goes far: its direction is that of a longer stretch.
+    let reach = |pointed: bool| if pointed { 4 } else { BLUNT_REACH.min(n - 1) };
+    let (near_root, near_tip) = (reach(ends.pointed_root), reach(ends.pointed_tip));
+    let root_step = Place { mid: step(0, near_root).mid, ..step(0, 8.min(n - 1)) };
+    let tip_step = Place { mid: step(n - 1, n - 1 - near_tip).mid, ..step(n - 1, n.saturating_sub(9)) };
     let place = |i: f32| {
         let (first, last) = (&places[0], &places[n - 1]);
         let beyond = i - (n - 1) as f32;
