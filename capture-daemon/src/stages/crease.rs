@@ -393,3 +393,55 @@ fn vary(rows: &[Row], sections: usize, place: f64, slope: f64, variance: f64) ->
     }
     (places, slopes)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOISE_M: f64 = 2e-4;
+    const HALF_PX: f64 = 7.0;
+
+    /// Sections of a blade whose depth has a shape across, in metres at offsets in pixels from the middle, and
+    /// noise.
+    fn rows(shape: impl Fn(f64) -> f64) -> Vec<Row> {
+        let mut state = 1_u64;
+        let mut noise = || {
+            // The sum of four even numbers is nearly normal; σ of one is 1/√12.
+            let mut even = || {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 40) as f64 / (1_u64 << 24) as f64 - 0.5
+            };
+            (even() + even() + even() + even()) * 3.0_f64.sqrt() * NOISE_M
+        };
+        let row = |index: usize| {
+            let readings = (-6..=6).map(|t| {
+                let z = 0.55 + 3e-4 * index as f64 + 1e-4 * f64::from(t) + shape(f64::from(t));
+                (f64::from(t) / HALF_PX, z + noise())
+            });
+            Row { index, readings: readings.collect(), half_px: HALF_PX }
+        };
+        let mut row = row;
+        (0..120).map(&mut row).collect()
+    }
+
+    #[test]
+    fn a_crease_is_found_where_it_is() {
+        for (place, slope) in [(-0.3, 2.5e-4), (0.25, -4e-4), (0.0, 3e-4)] {
+            let rows = rows(|t| slope * (t - place * HALF_PX).abs());
+            let (places, slopes) = fit(&rows, 120, 1e-4).expect("there is a crease");
+            for i in 0..120 {
+                assert!((places[i] - place).abs() < 0.06, "{} for {place}", places[i]);
+                assert!((slopes[i] / slope - 1.0).abs() < 0.12, "{} for {slope}", slopes[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn flat_bent_and_hardly_folded_blades_have_none() {
+        assert_eq!(fit(&rows(|_| 0.0), 120, 0.0), None);
+        assert_eq!(fit(&rows(|t| 3e-5 * t * t), 120, 0.0), None);
+        let slight = rows(|t| 0.9e-4 * (t - 1.0).abs());
+        assert!(fit(&slight, 120, 0.0).is_some());
+        assert_eq!(fit(&slight, 120, 1.2e-4), None);
+    }
+}
