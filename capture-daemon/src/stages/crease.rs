@@ -21,11 +21,11 @@ const EDGE_WAVELENGTH_PX: f64 = 16.0;
 const MIN_ROWS: usize = 20;
 /// Where a crease may lie between the middle (0) and an edge (1).
 const MAX_PLACE: f64 = 0.8;
-/// Half-places of the grid on which a crease is looked for.
+/// Places to either side of the middle on the grid on which a crease is looked for.
 const GRID: i32 = 8;
-/// By how many times its variance the noise must fall when a crease is taken to be there.
+/// What a crease must explain of the sum of squares, in variances of a reading: flat blades reach 60.
 const MIN_GAIN: f64 = 120.0;
-/// What its fall must be more than where the section is bent evenly instead.
+/// What it must explain more than an even bend, in the same measure.
 const MIN_LEAD: f64 = 25.0;
 /// Tangent of the angle by which both halves slope, at least: 7°. Blades that bend show slighter ones where
 /// they are looked at aslant.
@@ -133,7 +133,7 @@ impl Crease {
     /// Fits what the fold leaves of the depth: a plain section each.
     fn with_depths(mut self, rows: &[Row]) -> Self {
         // As in `settle`.
-        const WINDOW: f64 = 9.0;
+        let window = Window::new(9.0);
         let flat: Vec<(usize, Moments)> = rows
             .iter()
             .map(|row| {
@@ -145,7 +145,7 @@ impl Crease {
         self.depths = (0..self.place.len())
             .map(|i| {
                 let here = flat.binary_search_by_key(&i, |(index, _)| *index).ok()?;
-                let near = flat.iter().map(|(index, moments)| (weight(*index, i, WINDOW), moments));
+                let near = window.around(&flat, i);
                 let (tz, tt) = near.fold((0.0, 0.0), |(tz, tt), (w, m)| (tz + w * m.tz, tt + w * m.tt));
                 let (slope, Moments { t, z, .. }) = (tz / tt.max(1e-9), flat[here].1);
                 // The fold's own share, at the middle.
@@ -300,15 +300,36 @@ impl Moments {
     }
 }
 
+/// What two functions together explain of the depth, by their [`Row::gram`].
+fn explained(&[pp, px, xx, pz, xz, _]: &[f64; 6]) -> f64 {
+    let determinant = pp * xx - px * px;
+    if determinant <= 1e-12 * pp * xx {
+        return 0.0;
+    }
+    (pz * (pz * xx - xz * px) + xz * (xz * pp - pz * px)) / determinant
+}
+
 /// |t| as the sensor sees it, and its slope.
 fn rounded(t: f64) -> (f64, f64) {
-    let value = t.hypot(ROUNDING_PX);
+    let value = (t * t + ROUNDING_PX * ROUNDING_PX).sqrt();
     (value, t / value)
 }
 
-fn weight(i: usize, j: usize, sigma: f64) -> f64 {
-    let away = i.abs_diff(j) as f64 / sigma;
-    if away < 3.0 { (-0.5 * away * away).exp() } else { 0.0 }
+/// Weights of what is some sections away: a normal distribution, cut off at 3 σ.
+struct Window(Vec<f64>);
+
+impl Window {
+    fn new(sigma: f64) -> Self {
+        let away = |away: usize| (-0.5 * (away as f64 / sigma).powi(2)).exp();
+        Self((0..(3.0 * sigma) as usize).map(away).collect())
+    }
+
+    /// Those of `entries`, in the order of their sections, that are near section `i`, and what each counts.
+    fn around<'a, T>(&'a self, entries: &'a [(usize, T)], i: usize) -> impl Iterator<Item = (f64, &'a T)> {
+        let first = entries.partition_point(|(index, _)| index + self.0.len() <= i);
+        let near = entries[first..].iter().map(move |(index, entry)| (index.abs_diff(i), entry));
+        near.map_while(|(away, entry)| Some((*self.0.get(away)?, entry)))
+    }
 }
 
 /// Place (half widths) and sharpness (metres a pixel) of the crease at each of so many sections; `None` if
@@ -317,11 +338,11 @@ fn fit(rows: &[Row], sections: usize, min_slope_m: f64) -> Option<(Vec<f64>, Vec
     if rows.len() < MIN_ROWS {
         return None;
     }
-    let total = |functions: &dyn Fn(&Row, f64) -> [f64; 2]| {
-        rows.iter()
-            .map(|row| row.gram(|u| functions(row, u)))
-            .fold([0.0; 6], |sum, gram| std::array::from_fn(|k| sum[k] + gram[k]))
+    let total_of = |every: usize, functions: &dyn Fn(&Row, f64) -> [f64; 2]| {
+        let grams = rows.iter().step_by(every).map(|row| row.gram(|u| functions(row, u)));
+        grams.fold([0.0; 6], |sum, gram| std::array::from_fn(|k| sum[k] + gram[k]))
     };
+    let total = |functions: &dyn Fn(&Row, f64) -> [f64; 2]| total_of(1, functions);
     let folded = |place: f64| {
         move |row: &Row, u: f64| {
             let (fold, slope) = rounded(row.half_px * (u - place));
@@ -330,10 +351,20 @@ fn fit(rows: &[Row], sections: usize, min_slope_m: f64) -> Option<(Vec<f64>, Vec
     };
     // What a function alone explains of the depth.
     let gain = |[square, _, _, product, ..]: [f64; 6]| product * product / square.max(1e-12);
-    let bent = total(&|row, u| [row.half_px * row.half_px * u * u, 0.0]);
+    let freedom = rows.iter().map(|row| row.readings.len() - 2).sum::<usize>() as f64;
+    // Most blades are flat: a crease that is to be found shows in a cubic too.
+    let bent = total(&|row, u| {
+        let t = row.half_px * u;
+        [t * t, t * t * t]
+    });
+    let cubic = explained(&bent);
+    if cubic < 0.5 * MIN_GAIN * (bent[5] - cubic).max(1e-12) / freedom {
+        return None;
+    }
     let places = (-GRID..=GRID).map(|k| MAX_PLACE * f64::from(k) / f64::from(GRID));
     let best = |a: &(f64, [f64; 6]), b: &(f64, [f64; 6])| gain(a.1).total_cmp(&gain(b.1));
-    let (mut place, mut gram) = places.map(|place| (place, total(&folded(place)))).max_by(best)?;
+    let (mut place, _) = places.map(|place| (place, total_of(3, &folded(place)))).max_by(best)?;
+    let mut gram = total(&folded(place));
     for _ in 0..3 {
         let [pp, px, xx, pz, xz, _] = gram;
         let determinant = pp * xx - px * px;
@@ -348,8 +379,7 @@ fn fit(rows: &[Row], sections: usize, min_slope_m: f64) -> Option<(Vec<f64>, Vec
         }
         (place, gram) = (next, next_gram);
     }
-    let freedom: usize = rows.iter().map(|row| row.readings.len() - 2).sum();
-    let variance = (gram[5] - gain(gram)).max(1e-12) / freedom as f64;
+    let variance = (gram[5] - gain(gram)).max(1e-12) / freedom;
     let slope = gram[3] / gram[0];
     let leads = gain(gram) - gain(bent) > MIN_LEAD * variance;
     if gain(gram) < MIN_GAIN * variance || !leads || slope.abs() < min_slope_m {
@@ -361,14 +391,16 @@ fn fit(rows: &[Row], sections: usize, min_slope_m: f64) -> Option<(Vec<f64>, Vec
 /// Lets place and sharpness vary along the blade about those of all of it, as far as the readings are worth.
 fn vary(rows: &[Row], sections: usize, place: f64, slope: f64, variance: f64) -> (Vec<f64>, Vec<f64>) {
     let (mut places, mut slopes) = (vec![place; sections], vec![slope; sections]);
+    let window = Window::new(WINDOW);
     for _ in 0..2 {
-        let grams: Vec<[f64; 6]> = rows
+        let grams: Vec<(usize, [f64; 6])> = rows
             .iter()
             .map(|row| {
-                row.gram(|u| {
+                let gram = row.gram(|u| {
                     let (fold, slope) = rounded(row.half_px * (u - places[row.index]));
                     [fold, -row.half_px * slope]
-                })
+                });
+                (row.index, gram)
             })
             .collect();
         let fitted: Vec<(f64, f64)> = (0..sections)
@@ -378,8 +410,7 @@ fn vary(rows: &[Row], sections: usize, place: f64, slope: f64, variance: f64) ->
                     ((SLOPE_SPREAD * slope).powi(-2) * variance, (PLACE_SPREAD * slope).powi(-2) * variance);
                 let known = (place - places[i]) * slope;
                 let mut sums = [of_slope, 0.0, of_place, of_slope * slope, of_place * known];
-                for (row, gram) in rows.iter().zip(&grams) {
-                    let weight = weight(row.index, i, WINDOW);
+                for (weight, gram) in window.around(&grams, i) {
                     sums.iter_mut().zip(gram).for_each(|(sum, entry)| *sum += weight * entry);
                 }
                 let [pp, px, xx, pz, xz] = sums;
