@@ -9,6 +9,7 @@ use crate::stages::blade::{self, AcceptParams, CapturedBlade, Refusal};
 use crate::stages::blob::Field;
 use crate::stages::confidence::Evidence;
 use crate::stages::contour::{self, Outline};
+use crate::stages::crease;
 use crate::stages::lift::{self, Lifted};
 use crate::stages::margin;
 use crate::stages::mask::{self, Mask, MaskParams};
@@ -70,7 +71,10 @@ pub fn capture(
         .iter()
         .map(|outline| partition::root_distance(&mask, &mask.blobs, outline, &partition))
         .collect();
-    let ribbons = ribbon::grow(&mask, &parts, &fields, &RibbonParams { down, ..RibbonParams::default() });
+    let focal_px = camera.fx as f32;
+    let following = RibbonParams { down, focal_px, ..RibbonParams::default() };
+    let mut ribbons = ribbon::grow(&mask, &parts, &fields, &following);
+    crease::find(&mask, &mut ribbons, focal_px);
     let (traced, skeletons): (Vec<&Ribbon>, Vec<Skeleton>) =
         ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon)?))).unzip();
     let lifted: Vec<Lifted> = skeletons.iter().map(|skeleton| lift::lift(&mask, skeleton, camera)).collect();

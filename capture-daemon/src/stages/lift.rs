@@ -40,7 +40,8 @@ impl Lifted {
 }
 
 /// Lifts one skeleton. The slope of depth across gives `across` in space, and with it the true width
-/// of a blade that is turned away. O(stations).
+/// of a blade that is turned away; of a folded one it is the direction that both halves fall away from
+/// alike, and half widths are taken along it. O(stations).
 pub fn lift(mask: &Mask, skeleton: &Skeleton, camera: &CameraModel) -> Lifted {
     let stations = &skeleton.stations;
     let mids: Vec<Vec3> = stations.iter().map(|s| at(camera, s.mid, s.depth_m)).collect();
@@ -71,9 +72,18 @@ fn at(camera: &CameraModel, pixel: Vec2, z: f32) -> Vec3 {
 
 fn knot(camera: &CameraModel, station: &Station, mids: &[Vec3], i: usize) -> Knot {
     let along = (mids[(i + 1).min(mids.len() - 1)] - mids[i.saturating_sub(1)]).normalize_or(Vec3::NEG_Y);
-    let edge = |t: f32| at(camera, station.mid + station.across * t, station.depth_m + station.slope_m * t);
-    let chord = edge(1.0) - edge(-1.0);
-    let across = (chord - along * chord.dot(along)).normalize_or(Vec3::X);
+    let edge = |t: f32| {
+        let depth_m = station.depth_m + station.slope_m * t + station.fold_m * t.abs();
+        at(camera, station.mid + station.across * t, depth_m)
+    };
+    let aside = |way: Vec3| way - along * way.dot(along);
+    let across = if station.fold_m == 0.0 {
+        aside(edge(1.0) - edge(-1.0))
+    } else {
+        // Both halves fall away from it alike.
+        aside(edge(1.0) - mids[i]).normalize_or_zero() - aside(edge(-1.0) - mids[i]).normalize_or_zero()
+    };
+    let across = across.normalize_or(Vec3::X);
     let reach = |t: f32| (edge(t) - mids[i]).dot(across).abs();
     Knot {
         position: mids[i],

@@ -8,6 +8,7 @@ pub mod blade;
 pub mod blob;
 pub mod confidence;
 pub mod contour;
+pub mod crease;
 mod crossing;
 pub mod hand;
 mod join;

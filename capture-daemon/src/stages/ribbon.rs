@@ -6,11 +6,12 @@ use common::geometry::polyline;
 use glam::Vec2;
 
 use super::blob::Field;
+use super::crease;
 use super::crossing;
 use super::join::join;
 use super::mask::Mask;
 use super::partition::{Part, Side};
-use super::section::{Expected, Measured, Middle};
+use super::section::{Expected, Fold, Measured, Middle};
 use super::settle::{across_at, settle, settle_roughly};
 use super::stem;
 use super::tuft;
@@ -65,11 +66,13 @@ pub struct RibbonParams {
     pub unseen_px: usize,
     /// Where gravity points in the image; unit vector.
     pub down: Vec2,
+    /// Focal length, pixels.
+    pub focal_px: f32,
 }
 
 impl Default for RibbonParams {
     fn default() -> Self {
-        Self { hidden_px: 70, unseen_px: 24, down: Vec2::Y }
+        Self { hidden_px: 70, unseen_px: 24, down: Vec2::Y, focal_px: 570.0 }
     }
 }
 
@@ -81,7 +84,8 @@ const MIN_SEED_PX: usize = 8;
 /// Follows every part and keeps each blade once, the longest first. `fields`: distance from its root
 /// for each blob, by label. O(parts · length · width).
 pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams) -> Vec<Ribbon> {
-    let mut ribbons: Vec<Ribbon> = parts.iter().filter_map(|part| visible_stretch(mask, part)).collect();
+    let mut ribbons: Vec<Ribbon> =
+        parts.iter().filter_map(|part| visible_stretch(mask, part, params.focal_px)).collect();
     let longest_first = |ribbons: &mut Vec<Ribbon>| {
         ribbons.sort_by_key(|ribbon| std::cmp::Reverse(ribbon.sections.len()));
     };
@@ -115,8 +119,9 @@ pub(super) fn tolerance_m(mask: &Mask) -> f32 {
 }
 
 /// What the outline shows of a blade.
-fn visible_stretch(mask: &Mask, part: &Part) -> Option<Ribbon> {
+fn visible_stretch(mask: &Mask, part: &Part, focal_px: f32) -> Option<Ribbon> {
     let mut sections = seed(mask, part)?;
+    crease::expect(mask, &mut sections, focal_px);
     settle_roughly(mask, &mut sections, 12.0);
     settle(mask, &mut sections, 12.0);
     // Beside what hides it the stretch narrows to a wedge that says nothing about the blade.
@@ -214,19 +219,22 @@ fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
     let at = |i: usize| polyline::locate(&cumulative, total * i as f32 / (count - 1) as f32);
     let mids: Vec<Vec2> = (0..count).map(at).map(|(k, t)| midrib[k].lerp(midrib[k + 1], t)).collect();
     let tolerance_m = tolerance_m(mask);
+    // The very end may be too thin for a reading.
+    let first_depth_m = mids.iter().find_map(|mid| depth_near(mask, part.label, *mid))?;
     let mut sections: Vec<Section> = Vec::with_capacity(count);
     for i in 0..count {
         let (k, t) = at(i);
         let half_px = 0.5 * (widths[k] + (widths[k + 1] - widths[k]) * t);
         let across = across_at(&mids, i);
-        let depth_m =
-            depth_near(mask, part.label, mids[i]).or(sections.last().map(|s| s.expected.depth_m))?;
+        let known = depth_near(mask, part.label, mids[i]);
+        let depth_m = known.or(sections.last().map(|s| s.expected.depth_m)).unwrap_or(first_depth_m);
         let expected = Expected {
             mid: mids[i],
             across,
             half_px,
             depth_m,
             slope_m: 0.0,
+            fold: Fold::default(),
             tolerance_m: tolerance_m.max(0.004),
             search_px: 2.5 + 0.3 * half_px,
         };
@@ -282,6 +290,7 @@ pub(super) fn reverse(sections: &mut [Section]) {
     for Section { expected, measured, .. } in sections {
         expected.across = -expected.across;
         expected.slope_m = -expected.slope_m;
+        expected.fold.at_px = -expected.fold.at_px;
         (measured.left_px, measured.right_px) = (measured.right_px.map(|e| -e), measured.left_px.map(|e| -e));
         measured.slope_moments[0] = -measured.slope_moments[0];
     }
@@ -447,12 +456,15 @@ fn predict(sections: &[Section], memory: &[f32; WINDOW], tolerance_m: f32) -> Ex
     let direction = direction.normalize_or(along);
     let value = |fit: Option<[f64; 3]>, fallback: f32| fit.map_or(fallback, |fit| fit[0] as f32);
     let known = recent[seen].expected.half_px;
+    let half_px = value(half.solve(1, 0.0), known).clamp(0.6 * known, 1.25 * known).max(0.5);
+    let crease = recent[seen].expected.fold.at_px / known;
     Expected {
         mid,
         across: Vec2::new(-direction.y, direction.x),
-        half_px: value(half.solve(1, 0.0), known).clamp(0.6 * known, 1.25 * known).max(0.5),
+        half_px,
         depth_m: value(curve(&depth), last.expected.depth_m),
         slope_m: slope.0 / slope.1.max(1e-6),
+        fold: Fold { at_px: crease * half_px, ..recent[seen].expected.fold },
         tolerance_m,
         search_px: 1.8,
     }

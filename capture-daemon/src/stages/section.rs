@@ -18,10 +18,22 @@ pub struct Expected {
     pub depth_m: f32,
     /// Slope of depth across, metres a pixel.
     pub slope_m: f32,
+    /// Where it is folded, and how sharply.
+    pub fold: Fold,
     /// How far a reading may lie from that and still be of the blade, metres.
     pub tolerance_m: f32,
     /// How far an edge may lie from where it is expected, pixels.
     pub search_px: f32,
+}
+
+/// A fold in a cross-section: both halves slope away from it.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Fold {
+    /// Offset along `across`, pixels.
+    pub at_px: f32,
+    /// What both halves slope more than the whole of it, metres a pixel away from the fold: positive where
+    /// the fold is nearest, 0 for a flat section.
+    pub slope_m: f32,
 }
 
 /// What lies at the middle of a cross-section.
@@ -93,8 +105,10 @@ impl Sights<'_> {
 }
 
 impl Expected {
-    fn depth_at(&self, t: f32) -> f32 {
-        self.depth_m + self.slope_m * t
+    /// Depth at an offset along `across`, metres.
+    pub(super) fn depth_at(&self, t: f32) -> f32 {
+        let Fold { at_px, slope_m } = self.fold;
+        self.depth_m + self.slope_m * t + slope_m * ((t - at_px).abs() - at_px.abs())
     }
 
     fn sight(&self, mask: &Mask, t: f32) -> Sight {
@@ -299,10 +313,13 @@ impl Expected {
             + (lower_left * (1.0 - fx) + lower_right * fx) * fy
     }
 
-    /// ∫ coverage over the whole cross-section, pixels: its width, however thin.
-    pub fn covered_px(&self, mask: &Mask) -> f32 {
+    /// ∫ coverage over the whole cross-section to the left of its middle and to the right, pixels: its half
+    /// widths, however thin.
+    pub(super) fn covered_px(&self, mask: &Mask) -> [f32; 2] {
         let reach = self.half_px + SMEAR_PX;
-        let steps = (2.0 * reach / 0.25).ceil() as i32;
-        (0..steps).map(|j| self.coverage(mask, -reach + (j as f32 + 0.5) * 0.25, None)).sum::<f32>() * 0.25
+        let steps = (reach / 0.25).ceil() as i32;
+        [-0.25, 0.25].map(|step| {
+            (0..steps).map(|j| self.coverage(mask, (j as f32 + 0.5) * step, None)).sum::<f32>() * 0.25
+        })
     }
 }

@@ -5,7 +5,7 @@ use glam::Vec2;
 
 use super::mask::Mask;
 use super::ribbon::{Section, tolerance_m};
-use super::section::{Expected, Measured, Middle};
+use super::section::{Expected, Fold, Measured, Middle};
 
 /// Half-height wavelengths of the smoothing along a ribbon, pixels.
 const WIDTH_WAVELENGTH_PX: f64 = 16.0;
@@ -69,12 +69,14 @@ fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64,
     let tolerance = tolerance_m(mask);
     for i in 0..n {
         let half_px = halves[i].clamp(0.3, widest) as f32;
+        let across = across_at(&mids, i);
         let expected = Expected {
             mid: mids[i],
-            across: across_at(&mids, i),
+            across,
             half_px,
             depth_m: depths[i] as f32,
             slope_m: slopes[i],
+            fold: fold_from(&sections[i].expected, mids[i], across),
             tolerance_m: tolerance,
             search_px: 2.0 + search * half_px,
         };
@@ -83,6 +85,12 @@ fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64,
         section.expected = expected;
         section.doubt();
     }
+}
+
+/// The fold of a section, which stays where it is, as seen from the middle `mid`.
+fn fold_from(Expected { mid: before, fold, .. }: &Expected, mid: Vec2, across: Vec2) -> Fold {
+    let folded = fold.slope_m != 0.0;
+    Fold { at_px: if folded { fold.at_px - (mid - *before).dot(across) } else { 0.0 }, ..*fold }
 }
 
 /// What was measured, as seen from a place so near that it would be measured alike: the edges stay where
@@ -102,7 +110,8 @@ fn moved(Section { expected, measured, guide_px, .. }: &Section, to: &Expected) 
         && within(measured.left_px)
         && within(measured.right_px)
         && (to.depth_m - expected.depth_m).abs() + tilted_m.abs() < NEAR_TOLERANCES * to.tolerance_m
-        && to.tolerance_m == expected.tolerance_m;
+        && to.tolerance_m == expected.tolerance_m
+        && to.fold.slope_m == expected.fold.slope_m;
     // Edges that were doubted are to be looked for again.
     if !near || measured.middle != Middle::Blade || guide_px.is_some() {
         return None;

@@ -26,6 +26,8 @@ pub struct Station {
     pub depth_m: f32,
     /// Slope of depth across, metres a pixel to the right.
     pub slope_m: f32,
+    /// What the halves of a folded blade slope more, metres a pixel away from the midrib; 0 for a flat one.
+    pub fold_m: f32,
 }
 
 /// A blade's midrib from root to tip, at [`STATIONS`] stations evenly along it.
@@ -107,7 +109,14 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
     let right = Vec2::new(-outward.y, outward.x);
     let across = if base.across.dot(right) < 0.0 { -right } else { right };
     let climb = (base.depth_m - at(back * 3).depth_m) / (base.mid.distance(at(back * 3).mid)).max(1.0);
+    // The width that the sections further in lead to.
+    let taper = 2.0 * (base.half_px - at(2 * back).half_px) / back.max(1) as f32;
+    let width = (2.0 * base.half_px).max(0.1);
+    let led = |away: f32| (width + taper.clamp(-0.7, 0.1) * away).max(0.0);
     let mut widths = Vec::with_capacity(back + FORWARD);
+    // Sums over the rows: of the share of that width that is covered, of what is lost of it, of what the
+    // right side keeps more of than the left one.
+    let (mut shares, mut lost, mut skew) = (Vec::with_capacity(back + FORWARD), 0.0, 0.0_f32);
     for k in 0..back + FORWARD {
         let away = k as f32 + 0.5;
         let section = Expected {
@@ -118,22 +127,32 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
             tolerance_m: 2.0 * base.tolerance_m,
             ..*base
         };
-        let width = section.covered_px(mask);
-        if width < 0.05 {
+        let [left, right] = section.covered_px(mask);
+        let covered = left + right;
+        if covered < 0.05 {
             break;
         }
-        widths.push(width);
+        widths.push(covered);
+        shares.push((covered / led(away).max(0.1)).min(1.0));
+        lost += (led(away) - covered).min(covered).max(0.0);
+        skew += right - left;
     }
     let area: f32 = widths.iter().sum();
-    let width = (2.0 * base.half_px).max(0.1);
     // Were it blunt, its last reading would lie no farther than the edge is smeared.
-    let blunt = area / width;
-    let pointed = widths.len() as f32 - blunt > (0.4 * blunt).max(2.2);
-    let outer = if pointed { 0.0 } else { widths.iter().rev().nth(3).copied().unwrap_or(width) };
-    let length = 2.0 * area / (width + outer);
+    let even = area / width;
+    let long = widths.len() as f32 - even > (0.4 * even).max(2.2);
+    // What ends across loses all of its width within that smear; what is cut aslant, one side of it first.
+    let length: f32 = shares.iter().sum();
+    let falling = shares.iter().filter(|share| (0.15..0.85).contains(*share)).count();
+    let across_it = falling <= 3 || skew.abs() > 0.5 * lost;
+    let blunt = !long || (led(length) > (0.4 * width).max(2.0) && across_it);
+    let length = if blunt { length } else { 2.0 * even };
     // No end lies far beyond the last reading of it.
-    Found { back, length: length.min(widths.len() as f32 + 0.4 * width), pointed }
+    Found { back, length: length.min(widths.len() as f32 + 0.4 * width), pointed: !blunt }
 }
+
+/// Sections whose direction is that of what is carried on beyond a blunt end.
+const BLUNT_REACH: usize = 12;
 
 fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     let n = sections.len();
@@ -146,7 +165,8 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     // One sample a pixel over the whole length, the ends pinned where they are points.
     let first = ends.root.floor().min(0.0) as isize;
     let last = ends.tip.ceil().max((n - 1) as f32) as isize;
-    let profile = |side: fn(&Section) -> Option<f32>| {
+    // A crease to the right leaves more of the width to the left.
+    let profile = |side: &dyn Fn(&Section) -> Option<f32>, crease: f32| {
         let (mut values, mut weights) = (Vec::new(), Vec::new());
         for i in first..=last {
             let section = usize::try_from(i).ok().and_then(|i| Some((i, sections.get(i)?)));
@@ -156,7 +176,9 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
                 _ if beyond => (0.0, 1.0),
                 Some((i, section)) => {
                     let seen = side(section).filter(|_| trusted(i));
-                    (seen.unwrap_or(section.expected.half_px), if seen.is_some() { 1.0 } else { 0.01 })
+                    let value =
+                        seen.unwrap_or(section.expected.half_px) + crease * section.expected.fold.at_px;
+                    (value, if seen.is_some() { 1.0 } else { 0.01 })
                 }
                 None => (0.0, 0.0),
             };
@@ -165,28 +187,26 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
         }
         smooth::penalised(&values, &weights, WIDTH_WAVELENGTH_PX)
     };
-    let left = profile(|section| section.measured.left_px.map(|edge| -edge));
-    let right = profile(|section| section.measured.right_px);
-    let straight = |from: usize, to: usize| {
-        (sections[from].expected.mid - sections[to].expected.mid) / (from as f32 - to as f32).abs()
-    };
-    let (root_step, tip_step) = (straight(0, 4), straight(n - 1, n - 5));
-    let climb = |from: usize, to: usize| {
-        (sections[from].expected.depth_m - sections[to].expected.depth_m) / (from as f32 - to as f32).abs()
-    };
-    let (root_climb, tip_climb) = (climb(0, 8.min(n - 1)), climb(n - 1, n.saturating_sub(9)));
+    let left = profile(&|section| section.measured.left_px.map(|edge| -edge), 1.0);
+    let right = profile(&|section| section.measured.right_px, -1.0);
+    // On the midrib: the crease, where there is one.
+    let places: Vec<Place> = sections.iter().map(|section| Place::of(&section.expected)).collect();
+    let step = |from: usize, to: usize| places[from].steps_from(&places[to], (from as f32 - to as f32).abs());
+    // What is carried on beyond a blunt end goes far: its direction is that of a longer stretch.
+    let reach = |pointed: bool| if pointed { 4 } else { BLUNT_REACH.min(n - 1) };
+    let (near_root, near_tip) = (reach(ends.pointed_root), reach(ends.pointed_tip));
+    let root_step = Place { mid: step(0, near_root).mid, ..step(0, 8.min(n - 1)) };
+    let tip_step = Place { mid: step(n - 1, n - 1 - near_tip).mid, ..step(n - 1, n.saturating_sub(9)) };
     let place = |i: f32| {
-        let (first, last) = (&sections[0].expected, &sections[n - 1].expected);
+        let (first, last) = (&places[0], &places[n - 1]);
         let beyond = i - (n - 1) as f32;
         if i < 0.0 {
-            (first.mid - root_step * i, first.depth_m - root_climb * i, first.slope_m)
+            first.carried_on(&root_step, -i)
         } else if beyond > 0.0 {
-            (last.mid + tip_step * beyond, last.depth_m + tip_climb * beyond, last.slope_m)
+            last.carried_on(&tip_step, beyond)
         } else {
             let k = (i as usize).min(n - 2);
-            let (a, b, t) = (&sections[k].expected, &sections[k + 1].expected, i - k as f32);
-            let between = |a: f32, b: f32| a + (b - a) * t;
-            (a.mid.lerp(b.mid, t), between(a.depth_m, b.depth_m), between(a.slope_m, b.slope_m))
+            places[k].between(&places[k + 1], i - k as f32)
         }
     };
     let sample = |profile: &[f64], i: f32| {
@@ -198,7 +218,7 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     let fine: Vec<f32> = (0..4 * STATIONS)
         .map(|k| ends.root + (ends.tip - ends.root) * k as f32 / (4 * STATIONS - 1) as f32)
         .collect();
-    let path: Vec<Vec2> = fine.iter().map(|i| place(*i).0).collect();
+    let path: Vec<Vec2> = fine.iter().map(|i| place(*i).mid).collect();
     let cumulative = polyline::cumulative_length(&path);
     let length_px = cumulative[cumulative.len() - 1];
     let positions = (0..STATIONS).map(|k| {
@@ -207,9 +227,9 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     });
     let mut stations: Vec<Station> = positions
         .map(|i| {
-            let (mid, depth_m, slope_m) = place(i);
+            let Place { mid, depth_m, slope_m, fold_m } = place(i);
             let (left_px, right_px) = (sample(&left, i), sample(&right, i));
-            Station { mid, across: Vec2::X, left_px, right_px, depth_m, slope_m }
+            Station { mid, across: Vec2::X, left_px, right_px, depth_m, slope_m, fold_m }
         })
         .collect();
     for k in 0..STATIONS {
@@ -222,4 +242,45 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
         (tip.left_px, tip.right_px) = (0.0, 0.0);
     }
     Skeleton { stations, length_px }
+}
+
+/// Where a midrib passes, as in [`Station`].
+#[derive(Clone, Copy)]
+struct Place {
+    mid: Vec2,
+    depth_m: f32,
+    slope_m: f32,
+    fold_m: f32,
+}
+
+impl Place {
+    fn of(expected: &Expected) -> Self {
+        let at_px = expected.fold.at_px;
+        Self {
+            mid: expected.mid + expected.across * at_px,
+            depth_m: expected.depth_at(at_px),
+            slope_m: expected.slope_m,
+            fold_m: expected.fold.slope_m,
+        }
+    }
+
+    /// The way from `other` over so many steps, for one of them: slopes stay.
+    fn steps_from(&self, other: &Self, count: f32) -> Self {
+        let (mid, depth_m) = ((self.mid - other.mid) / count, (self.depth_m - other.depth_m) / count);
+        Self { mid, depth_m, slope_m: 0.0, fold_m: 0.0 }
+    }
+
+    fn carried_on(&self, step: &Self, count: f32) -> Self {
+        Self { mid: self.mid + step.mid * count, depth_m: self.depth_m + step.depth_m * count, ..*self }
+    }
+
+    fn between(&self, other: &Self, t: f32) -> Self {
+        let between = |a: f32, b: f32| a + (b - a) * t;
+        Self {
+            mid: self.mid.lerp(other.mid, t),
+            depth_m: between(self.depth_m, other.depth_m),
+            slope_m: between(self.slope_m, other.slope_m),
+            fold_m: between(self.fold_m, other.fold_m),
+        }
+    }
 }
