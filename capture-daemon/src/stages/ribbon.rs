@@ -93,7 +93,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     join(mask, &mut ribbons, params);
     crossing::join(mask, &mut ribbons);
     ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
-    let attached = stem::attach(mask, &mut ribbons, fields);
+    let attached = stem::attach(mask, &mut ribbons, fields, params);
     tuft::gather(mask, &mut ribbons, params);
     ribbons.extend(attached);
     for ribbon in &mut ribbons {

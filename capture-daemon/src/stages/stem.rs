@@ -8,8 +8,9 @@ use glam::Vec2;
 use super::blob::Field;
 use super::hand;
 use super::mask::{Mask, fine_step_m, neighbours};
-use super::ribbon::{End, Ribbon, Section, reverse, unsure};
+use super::ribbon::{End, Ribbon, RibbonParams, Section, reverse, unsure};
 use super::section::Expected;
+use super::tuft;
 
 /// Fewest leaves that tell where a stem is.
 const MIN_LEAVES: usize = 3;
@@ -18,6 +19,8 @@ const MIN_LEAVES: usize = 3;
 const MIN_SLENDERNESS: f32 = 4.0;
 /// And at least this share of its leaves' median length: else it is a crumb of clutter.
 const MIN_STEM: f32 = 0.33;
+/// At most this share of its leaves lead to one place: those of a tuft do.
+const MAX_TUFT: f32 = 0.45;
 /// A leaf's base is led no farther than this, in lengths of what is seen of the leaf.
 const MAX_LED: f32 = 3.0;
 
@@ -31,7 +34,12 @@ const MAX_LED: f32 = 3.0;
 /// # Source
 /// Neubert et al. 2007 trace particles down to the base of a trunk, merging into branches; here there is
 /// one for each blade, on the surface that is seen, by the shortest way (Dijkstra 1959).
-pub(super) fn attach(mask: &Mask, ribbons: &mut Vec<Ribbon>, fields: &[Field]) -> Vec<Ribbon> {
+pub(super) fn attach(
+    mask: &Mask,
+    ribbons: &mut Vec<Ribbon>,
+    fields: &[Field],
+    params: &RibbonParams,
+) -> Vec<Ribbon> {
     let mut attached = Vec::new();
     if mask.hand.contains(&true) {
         return attached;
@@ -39,7 +47,7 @@ pub(super) fn attach(mask: &Mask, ribbons: &mut Vec<Ribbon>, fields: &[Field]) -
     for (region, field) in mask.blobs.regions.iter().zip(fields) {
         let grows = |ribbon: &Ribbon| rooted(mask, ribbon, region.label).is_some();
         let count = ribbons.iter().filter(|ribbon| ribbon.root != End::Free && grows(ribbon)).count();
-        if count < MIN_LEAVES {
+        if count < MIN_LEAVES || tuft::share(mask, ribbons, region.label, params) > MAX_TUFT {
             continue;
         }
         let ways = Ways::of(mask, region.label, region.bounds, field);
@@ -289,7 +297,6 @@ mod tests {
     use crate::frame::{CameraModel, DepthFrame};
     use crate::stages::accumulate::Accumulation;
     use crate::stages::mask::{self, MaskParams};
-    use crate::stages::ribbon::RibbonParams;
     use crate::stages::{contour, partition, ribbon};
 
     const ROOT: Vec2 = Vec2::new(120.0, 239.0);
@@ -363,7 +370,7 @@ mod tests {
             seen(&[blade(20.0), blade(90.0), blade(150.0), blade(220.0)], false);
         let before = ribbons.clone();
         assert!(before.len() >= 4, "{} ribbons", before.len());
-        assert!(attach(&mask, &mut ribbons, &fields).is_empty());
+        assert!(attach(&mask, &mut ribbons, &fields, &RibbonParams::default()).is_empty());
         assert_eq!(ribbons, before);
     }
 }
