@@ -9,7 +9,7 @@ use common::geometry::smooth;
 use glam::Vec2;
 
 use super::mask::Mask;
-use super::ribbon::{Ribbon, Section};
+use super::ribbon::{Ribbon, Section, tolerance_m};
 use super::section::{Expected, Fold, Middle};
 use super::settle::settle;
 
@@ -72,12 +72,22 @@ pub fn find(mask: &Mask, ribbons: &mut [Ribbon], focal_px: f32) {
 
 /// Expects sections to be folded, and measures them anew, if they have a crease; returns whether they
 /// have.
-pub(super) fn expect(mask: &Mask, sections: &mut [Section], focal_px: f32) -> bool {
+fn expect(mask: &Mask, sections: &mut [Section], focal_px: f32) -> bool {
     let crease = Crease::search(mask, sections, focal_px);
     if let Some(crease) = &crease {
         crease.expect(mask, sections);
     }
     crease.is_some()
+}
+
+/// The same where the fold takes edges out of the depths that are tolerated; else they are found without,
+/// and a leaf that is folded only in part is not lost where it is flat.
+pub(super) fn expect_if_deep(mask: &Mask, sections: &mut [Section], focal_px: f32) {
+    if let Some(crease) = Crease::search(mask, sections, focal_px)
+        && crease.depth_m() > f64::from(tolerance_m(mask))
+    {
+        crease.expect(mask, sections);
+    }
 }
 
 /// The readings of one cross-section.
@@ -154,6 +164,12 @@ impl Crease {
             })
             .collect();
         self
+    }
+
+    /// How far an edge lies off what is expected of a flat section amid its readings, at most, metres.
+    fn depth_m(&self) -> f64 {
+        let edges = self.slope_m.iter().zip(&self.half_px).map(|(slope, half)| (0.7 * slope * half).abs());
+        edges.fold(0.0, f64::max)
     }
 
     /// Where the fold of a section is, as seen from its expected midrib.

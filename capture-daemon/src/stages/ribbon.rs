@@ -121,7 +121,7 @@ pub(super) fn tolerance_m(mask: &Mask) -> f32 {
 /// What the outline shows of a blade.
 fn visible_stretch(mask: &Mask, part: &Part, focal_px: f32) -> Option<Ribbon> {
     let mut sections = seed(mask, part)?;
-    crease::expect(mask, &mut sections, focal_px);
+    crease::expect_if_deep(mask, &mut sections, focal_px);
     settle_roughly(mask, &mut sections, 12.0);
     settle(mask, &mut sections, 12.0);
     // Beside what hides it the stretch narrows to a wedge that says nothing about the blade.

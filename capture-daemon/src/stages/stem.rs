@@ -168,7 +168,8 @@ impl Ways {
         }
     }
 
-    /// The longest stretch that ways to the root share, down to the root, if it is slender.
+    /// The longest stretch that ways to the root share, down to the root, each pixel counting once for each way
+    /// beyond the first; if it is slender.
     fn stem<'a>(&self, mask: &Mask, ways: &'a [Vec<usize>]) -> Option<&'a [usize]> {
         let mut shared = vec![0_u16; self.cost.len()];
         for place in ways.iter().flatten().filter_map(|index| self.place(mask, *index)) {
@@ -176,9 +177,11 @@ impl Ways {
         }
         let is_shared = |index: &usize| self.place(mask, *index).is_some_and(|place| shared[place] >= 2);
         let stretch = |way: &'a Vec<usize>| Some(&way[way.iter().position(is_shared)?..]);
-        let longest = ways.iter().filter_map(stretch).max_by_key(|stretch| stretch.len())?;
-        let places = longest.iter().filter_map(|index| self.place(mask, *index));
-        let mut widths: Vec<f32> = places.map(|place| 2.0 * self.depth_px[place]).collect();
+        let places = |stretch: &'a [usize]| stretch.iter().filter_map(|index| self.place(mask, *index));
+        let together =
+            |stretch: &&'a [usize]| places(stretch).map(|place| u32::from(shared[place]) - 1).sum::<u32>();
+        let longest = ways.iter().filter_map(stretch).max_by_key(together)?;
+        let mut widths: Vec<f32> = places(longest).map(|place| 2.0 * self.depth_px[place]).collect();
         widths.sort_by(f32::total_cmp);
         (longest.len() as f32 > MIN_SLENDERNESS * widths[widths.len() / 2]).then_some(longest)
     }
@@ -214,21 +217,28 @@ impl Ways {
             if 4 * from_root.len() < own { way(leaf, root + own * 3 / 4) } else { from_root.clone() }
         };
         let from_outside: Vec<Vec<usize>> = leaves.iter().zip(&roots).zip(&ways).map(outer).collect();
-        let Some(stem) = self.stem(mask, &from_outside) else { return false };
+        let Some(stem_way) = self.stem(mask, &from_outside) else { return false };
         let mut lengths: Vec<usize> = leaves.iter().map(|leaf| leaf.sections.len()).collect();
         lengths.sort_unstable();
-        if (stem.len() as f32) < MIN_STEM * lengths[lengths.len() / 2] as f32 {
+        if (stem_way.len() as f32) < MIN_STEM * lengths[lengths.len() / 2] as f32 {
             return false;
         }
         let mut on_stem = vec![false; self.cost.len()];
-        stem.iter().filter_map(|index| self.place(mask, *index)).for_each(|place| on_stem[place] = true);
+        stem_way.iter().filter_map(|index| self.place(mask, *index)).for_each(|place| on_stem[place] = true);
         let stem = |index: usize| self.place(mask, index).is_some_and(|place| on_stem[place]);
         let near_stem = |section: &Section| {
             let Some(index) = mask.index_at(section.expected.mid) else { return false };
             stem(index) || neighbours(index, mask.width, mask.region).any(stem)
         };
+        // Where the stem is broad a leaf begins before its middle.
+        let joins_at = |index: usize| {
+            let reach = |place: usize| 0.6 * self.depth_px[place];
+            let along = stem_way.iter().filter_map(|of_stem| Some((*of_stem, self.place(mask, *of_stem)?)));
+            let near = |(of_stem, place)| mask.pixel(of_stem).distance(mask.pixel(index)) <= reach(place);
+            along.into_iter().any(near)
+        };
         let joins: Vec<Option<usize>> =
-            ways.iter().map(|way| way.iter().position(|index| stem(*index))).collect();
+            ways.iter().map(|way| way.iter().position(|index| joins_at(*index))).collect();
         // A longer leaf that lies on the way is another one, a shorter one may be a fragment of this.
         let longest = self.longest(mask, leaves);
         let others =
