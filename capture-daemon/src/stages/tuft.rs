@@ -32,6 +32,8 @@ const BELOW_PX: f32 = 5.0;
 /// How far roots lie from their hub, one standard deviation: pixels and metres of depth.
 const ROOTS_PX: f32 = 4.0;
 const ROOTS_M: f32 = 0.006;
+/// A width does not gain more than this many times itself on the way to a root.
+const MOST_GROWTH: f32 = 3.0;
 /// Blades that must lead to a hub, each counting less the farther it misses it.
 const LEAST_SUPPORT: f32 = 1.3;
 
@@ -311,12 +313,8 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
     }
     let sure = &ribbon.sections[ribbon.unsure..];
     let bow_m = (hub.depth_m - root_m) * of_hub(way.sigma_m, ROOTS_M);
-    // What the width does at the end it does for a while.
-    const MEMORY_PX: f32 = 25.0;
-    let half_at = |s: f32| {
-        let change = ray.taper.clamp(-0.1, 0.1) * MEMORY_PX * (1.0 - (-s / MEMORY_PX).exp());
-        (ray.half_px + change).max(0.4 * ray.half_px)
-    };
+    let growth = (ray.taper * length / ray.half_px).clamp(-0.5, MOST_GROWTH);
+    let half_at = |s: f32| ray.half_px * unseen_width(s / length, growth);
     let steps = length.ceil() as usize;
     let place = |t: f32| {
         let (mid, depth_m) = way.at(length * (1.0 - t));
@@ -355,6 +353,15 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
     ribbon.root = End::Shared;
     ribbon.unsure = 0;
     true
+}
+
+/// The width of a blade that is not seen any more, over the last that was seen, at a part of the way from
+/// there to its root. `growth`: what it gains towards the root at first, over the whole way.
+///
+/// Blades are widest somewhere above their root: what the width gains at first it loses again. The faster it
+/// gains, the farther up the blade what is seen ends. Fitted by eye to the outlines of Fan & Sheng, figure 10.
+fn unseen_width(t: f32, growth: f32) -> f32 {
+    1.0 + growth * t * (1.0 - t) * (1.0 + 0.24 * growth.max(0.0)) - 0.4 * t * t * t
 }
 
 /// Whether a blade that passed there would be seen, and is not.
