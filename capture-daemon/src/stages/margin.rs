@@ -101,7 +101,7 @@ fn beyond(mask: &Mask, expected: &Expected, edge_px: f32, side: f32, [near, far]
     const REACH_PX: i32 = 12;
     // An edge is smeared over so many pixels, whose depth is between that of both sides.
     const SMEAR_PX: i32 = 3;
-    let depth = expected.depth_m + expected.slope_m * edge_px;
+    let depth = expected.depth_at(edge_px);
     let limit = depth_step_m(depth);
     let at_limit = depth > far - limit || depth < near + limit;
     let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32);

@@ -23,6 +23,7 @@ mod register;
 pub mod ribbon;
 mod rootward;
 pub mod section;
+mod seed;
 mod settle;
 pub mod skeleton;
 mod stem;

@@ -2,7 +2,6 @@
 //! behind what hides it, across gaps without readings and into the base that it shares with others.
 
 use common::geometry::fit::Parabola;
-use common::geometry::polyline;
 use glam::Vec2;
 
 use super::blob::Field;
@@ -10,9 +9,10 @@ use super::crease;
 use super::crossing;
 use super::join::join;
 use super::mask::Mask;
-use super::partition::{Part, Side};
+use super::partition::Part;
 use super::section::{Expected, Fold, Measured, Middle};
-use super::settle::{across_at, settle, settle_roughly};
+use super::seed::seed;
+use super::settle::{settle, settle_roughly};
 use super::stem;
 use super::tuft;
 
@@ -79,7 +79,7 @@ impl Default for RibbonParams {
 /// Half-height wavelength of the smoothing of midribs along a ribbon, pixels.
 const MIDRIB_WAVELENGTH_PX: f64 = 28.0;
 /// Shortest stretch that a blade can be followed from, pixels.
-const MIN_SEED_PX: usize = 8;
+pub(super) const MIN_SEED_PX: usize = 8;
 
 /// Follows every part and keeps each blade once, the longest first. `fields`: distance from its root
 /// for each blob, by label. O(parts · length · width).
@@ -205,84 +205,6 @@ fn crotch(sections: &[Section]) -> usize {
         sections[*i].expected.half_px > 1.06 * led + 0.3
     };
     4 + (0..SWELLING).rev().find(swells).map_or(0, |i| i + 1)
-}
-
-/// The stretch that the outline shows, from the part's base to its tip.
-fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
-    let (midrib, widths) = matched_sides(part)?;
-    let count = polyline::length(&midrib).round() as usize;
-    if count < MIN_SEED_PX {
-        return None;
-    }
-    let cumulative = polyline::cumulative_length(&midrib);
-    let total = *cumulative.last()?;
-    let at = |i: usize| polyline::locate(&cumulative, total * i as f32 / (count - 1) as f32);
-    let mids: Vec<Vec2> = (0..count).map(at).map(|(k, t)| midrib[k].lerp(midrib[k + 1], t)).collect();
-    let tolerance_m = tolerance_m(mask);
-    // The very end may be too thin for a reading.
-    let first_depth_m = mids.iter().find_map(|mid| depth_near(mask, part.label, *mid))?;
-    let mut sections: Vec<Section> = Vec::with_capacity(count);
-    for i in 0..count {
-        let (k, t) = at(i);
-        let half_px = 0.5 * (widths[k] + (widths[k + 1] - widths[k]) * t);
-        let across = across_at(&mids, i);
-        let known = depth_near(mask, part.label, mids[i]);
-        let depth_m = known.or(sections.last().map(|s| s.expected.depth_m)).unwrap_or(first_depth_m);
-        let expected = Expected {
-            mid: mids[i],
-            across,
-            half_px,
-            depth_m,
-            slope_m: 0.0,
-            fold: Fold::default(),
-            tolerance_m: tolerance_m.max(0.004),
-            search_px: 2.5 + 0.3 * half_px,
-        };
-        sections.push(Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: None });
-    }
-    Some(sections)
-}
-
-/// Median depth of the piece's pixels around a point.
-fn depth_near(mask: &Mask, piece: u16, point: Vec2) -> Option<f32> {
-    let offsets = (-2..=2).flat_map(|y| (-2..=2).map(move |x| Vec2::new(x as f32, y as f32)));
-    let mut depths: Vec<f32> = offsets
-        .filter_map(|offset| mask.index_at(point + offset))
-        .filter(|index| mask.pieces.of[*index] == piece && mask.occupancy[*index] > 0.85)
-        .map(|index| mask.depth_m[index])
-        .collect();
-    depths.sort_by(f32::total_cmp);
-    depths.get(depths.len() / 2).copied()
-}
-
-/// Midpoints of the points on both sides at equal distance from the root, and their distances.
-fn matched_sides(part: &Part) -> Option<(Vec<Vec2>, Vec<f32>)> {
-    let lowest = |side: &Side| side.flow_px.first().copied();
-    let from = lowest(&part.left)?.max(lowest(&part.right)?);
-    let to = part.left.flow_px.last().copied()?;
-    let levels = ((to - from) as usize).max(1);
-    if to - from < 6.0 {
-        return None;
-    }
-    let at = |side: &Side, passed: &mut usize, level: f32| {
-        // Flow can waver; the first point that reaches the level is the one that counts.
-        let reached = side.flow_px[*passed..].iter().position(|flow| *flow >= level);
-        let index = reached.map_or(side.points.len() - 1, |more| *passed + more);
-        *passed = index;
-        let before = index.saturating_sub(1);
-        let (low, high) = (side.flow_px[before], side.flow_px[index]);
-        let t = if high > low { ((level - low) / (high - low)).clamp(0.0, 1.0) } else { 1.0 };
-        side.points[before].lerp(side.points[index], t)
-    };
-    // Levels rise: what did not reach one does not reach the next.
-    let [mut passed_left, mut passed_right] = [0; 2];
-    let mut sides: Vec<(Vec2, f32)> = (0..=levels)
-        .map(|k| from + (to - from) * k as f32 / levels as f32)
-        .map(|level| (at(&part.left, &mut passed_left, level), at(&part.right, &mut passed_right, level)))
-        .map(|(left, right)| (left.midpoint(right), left.distance(right)))
-        .collect();
-    sides.dedup_by(|a, b| a.0.distance(b.0) < 1e-3);
-    (sides.len() >= 2).then(|| sides.into_iter().unzip())
 }
 
 pub(super) fn reverse(sections: &mut [Section]) {

@@ -67,6 +67,13 @@ pub struct Measured {
     pub slope_moments: [f32; 2],
 }
 
+impl Measured {
+    /// Of a section that nothing is known of but its middle.
+    pub(super) fn nothing(middle: Middle) -> Self {
+        Self { middle, left_px: None, right_px: None, depth_m: None, readings: 0, slope_moments: [0.0; 2] }
+    }
+}
+
 const STEP_PX: f32 = 0.5;
 /// Readings nearer to an edge than this are mixed with what is beside it.
 const RIM_PX: f32 = 1.2;
@@ -131,14 +138,7 @@ impl Expected {
     pub fn measure(&self, mask: &Mask) -> Measured {
         let mut sights = Sights { expected: self, mask, known: [None; 2 * KEPT_STEPS + 1] };
         let middle = self.middle(&mut sights);
-        let nothing = Measured {
-            middle,
-            left_px: None,
-            right_px: None,
-            depth_m: None,
-            readings: 0,
-            slope_moments: [0.0; 2],
-        };
+        let nothing = Measured::nothing(middle);
         if middle != Middle::Blade {
             return nothing;
         }

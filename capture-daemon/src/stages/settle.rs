@@ -126,7 +126,7 @@ fn moved(Section { expected, measured, guide_px, .. }: &Section, to: &Expected) 
 }
 
 /// Slope of depth across, fitted in a window along the ribbon.
-fn slopes(sections: &[Section]) -> Vec<f32> {
+pub(super) fn slopes(sections: &[Section]) -> Vec<f32> {
     // What a slope is expected to be against the noise of one reading (1 px to the side, 0.4 mm of
     // noise, 0.6 mm a px of slope): keeps the fit calm where there are but a few pixels.
     const RIDGE: f32 = 0.5;
