@@ -20,7 +20,7 @@ const MIN_SLENDERNESS: f32 = 4.0;
 /// And at least this share of its leaves' median length: else it is a crumb of clutter.
 const MIN_STEM: f32 = 0.33;
 /// At most this share of its leaves lead to one place: those of a tuft do.
-const MAX_TUFT: f32 = 0.45;
+const MAX_TUFT: f32 = 0.5;
 /// A leaf's base is led no farther than this, in lengths of what is seen of the leaf.
 const MAX_LED: f32 = 3.0;
 

@@ -76,15 +76,15 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
     }
 }
 
-/// The share of the blades on a blob that lead to one base.
+/// The share of the blades on a blob that lead to one base, each counting less the farther it misses it.
 pub(super) fn share(mask: &Mask, ribbons: &[Ribbon], label: u16, params: &RibbonParams) -> f32 {
     let on_blob =
         |blade: &Blade| mask.index_at(blade.ray.from).is_some_and(|index| mask.blobs.of[index] == label);
     let blades: Vec<Blade> = ribbons.iter().enumerate().filter_map(blade).filter(on_blob).collect();
     let ground = Ground::Lowest(lowest(mask, params.down));
     let hub = hub(mask, ribbons, &blades, &ground, params.down);
-    let leading = |hub: Hub| blades.iter().filter(|blade| blade.leads_to(hub.at) > 0.0).count();
-    hub.map_or(0, leading) as f32 / blades.len().max(1) as f32
+    let leading = |hub: Hub| blades.iter().map(|blade| blade.leads_to(hub.at)).sum::<f32>();
+    hub.map_or(0.0, leading) / blades.len().max(1) as f32
 }
 
 /// What blades can grow from.
