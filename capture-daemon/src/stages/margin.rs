@@ -136,6 +136,7 @@ mod tests {
     use crate::stages::accumulate::Accumulation;
     use crate::stages::mask::{self, MaskParams};
     use crate::stages::ribbon::{ANCHOR, End};
+    use crate::stages::section::Fold;
 
     /// A strip 11 pixels wide at 0.5 m, its edges moved by `waver` pixels here and there, before `behind`
     /// (depth in millimetres at each pixel).
@@ -163,6 +164,7 @@ mod tests {
                 half_px: 5.5,
                 depth_m: 0.5,
                 slope_m: 0.0,
+                fold: Fold::default(),
                 tolerance_m: 0.004,
                 search_px: 4.0,
             };

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::stages::mask::{Labels, Region};
-use crate::stages::section::{Measured, Middle};
+use crate::stages::section::{Fold, Measured, Middle};
 
 const DEPTH_M: f32 = 0.5;
 
@@ -43,6 +43,7 @@ fn ribbon(from: Vec2, to: Vec2) -> Ribbon {
             half_px: 3.0,
             depth_m: DEPTH_M,
             slope_m: 0.0,
+            fold: Fold::default(),
             tolerance_m: 0.01,
             search_px: 3.0,
         },
