@@ -331,13 +331,13 @@ proptest! {
             point.x = -point.x;
             std::mem::swap(left, right);
         }
-        same_shapes(&shapes(&capture(&frame)), &reflected, PIXEL_M, 6.0 * PIXEL_M)?;
+        same_shapes(&shapes(&capture(&frame)), &reflected, 0.25 * PIXEL_M, 6.0 * PIXEL_M)?;
     }
 
     #[test]
     fn twice_the_resolution_gives_the_same_blades(blades in prop::collection::vec(drawn(), 1..4)) {
         let frame = side_by_side(&blades);
-        same_shapes(&shapes(&capture(&frame)), &shapes(&capture(&doubled(&frame))), 1.5 * PIXEL_M, 6.0 * PIXEL_M)?;
+        same_shapes(&shapes(&capture(&frame)), &shapes(&capture(&doubled(&frame))), 0.5 * PIXEL_M, 6.0 * PIXEL_M)?;
     }
 
     #[test]
