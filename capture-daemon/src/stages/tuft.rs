@@ -40,11 +40,7 @@ const LEAST_SUPPORT: f32 = 1.3;
 /// Leads the ribbons that grow from one base down to it: to a base that is seen, or into the hand that
 /// grips them, where they end.
 pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams) {
-    let mut blades: Vec<Blade> = ribbons.iter().enumerate().filter_map(blade).collect();
-    blades.sort_by_key(|blade| std::cmp::Reverse(blade.ray.length));
-    for i in 0..blades.len() {
-        blades[i].echo = blades[..i].iter().any(|longer| longer.is_echoed_by(&blades[i]));
-    }
+    let mut blades = longest_first(ribbons.iter().enumerate().filter_map(blade));
     let ground = if mask.hand.contains(&true) {
         Ground::Hand(hand::chamfer(mask, |index| mask.hand[index]))
     } else {
@@ -80,11 +76,23 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
 pub(super) fn share(mask: &Mask, ribbons: &[Ribbon], label: u16, params: &RibbonParams) -> f32 {
     let on_blob =
         |blade: &Blade| mask.index_at(blade.ray.from).is_some_and(|index| mask.blobs.of[index] == label);
-    let blades: Vec<Blade> = ribbons.iter().enumerate().filter_map(blade).filter(on_blob).collect();
+    let blades = longest_first(ribbons.iter().enumerate().filter_map(blade).filter(on_blob));
     let ground = Ground::Lowest(lowest(mask, params.down));
     let hub = hub(mask, ribbons, &blades, &ground, params.down);
-    let leading = |hub: Hub| blades.iter().map(|blade| blade.leads_to(hub.at)).sum::<f32>();
+    // What runs where a longer one does shares more with it than a base.
+    let own = || blades.iter().filter(|blade| !blade.echo);
+    let leading = |hub: Hub| own().map(|blade| blade.leads_to(hub.at)).sum::<f32>();
     hub.map_or(0.0, leading) / blades.len().max(1) as f32
+}
+
+/// Blades in the order of what is sure of them, those that follow one before them marked.
+fn longest_first(blades: impl Iterator<Item = Blade>) -> Vec<Blade> {
+    let mut blades: Vec<Blade> = blades.collect();
+    blades.sort_by_key(|blade| std::cmp::Reverse(blade.ray.length));
+    for i in 0..blades.len() {
+        blades[i].echo = blades[..i].iter().any(|longer| longer.is_echoed_by(&blades[i]));
+    }
+    blades
 }
 
 /// What blades can grow from.
