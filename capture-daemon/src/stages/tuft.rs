@@ -367,7 +367,8 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
 /// there to its root. `growth`: what it gains towards the root at first, over the whole way.
 ///
 /// Blades are widest somewhere above their root: what the width gains at first it loses again. The faster it
-/// gains, the farther up the blade what is seen ends. Fitted by eye to the outlines of Fan & Sheng, figure 10.
+/// gains, the farther up the blade what is seen ends. Fitted by hand to the outlines of Fan & Sheng, figure 10: a
+/// guess, which what is seen of the edges corrects.
 fn unseen_width(t: f32, growth: f32) -> f32 {
     1.0 + growth * t * (1.0 - t) * (1.0 + 0.24 * growth.max(0.0)) - 0.4 * t * t * t
 }
