@@ -6,6 +6,7 @@
 pub mod accumulate;
 pub mod blade;
 pub mod blob;
+mod components;
 pub mod confidence;
 pub mod contour;
 mod crossing;
