@@ -6,6 +6,8 @@
 pub mod accumulate;
 pub mod blade;
 pub mod blob;
+mod buckets;
+mod chamfer;
 mod components;
 pub mod confidence;
 pub mod contour;
