@@ -28,4 +28,5 @@ pub mod section;
 mod settle;
 pub mod skeleton;
 mod stem;
+mod trend;
 mod tuft;
