@@ -103,8 +103,9 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     let is_kept: Vec<bool> = ribbons
         .iter()
         .map(|ribbon| {
-            let is_new = !kept.iter().any(|longer| longer.covers(ribbon, mask));
-            kept.extend(is_new.then(|| Course::of(&ribbon.sections)));
+            let course = Course::of(&ribbon.sections);
+            let is_new = !kept.iter().any(|longer| longer.covers(&course, mask));
+            kept.extend(is_new.then_some(course));
             is_new
         })
         .collect();
@@ -469,10 +470,13 @@ impl<'a> Course<'a> {
         false
     }
 
-    /// Whether it has most of what is seen of `ribbon`.
-    fn covers(&self, ribbon: &Ribbon, mask: &Mask) -> bool {
+    /// Whether it has most of what is seen of another one.
+    fn covers(&self, other: &Self, mask: &Mask) -> bool {
+        if self.low.cmpgt(other.high).any() || other.low.cmpgt(self.high).any() {
+            return false;
+        }
         let tolerance_m = 3.0 * tolerance_m(mask);
-        let clear = || ribbon.sections.iter().filter(|section| section.edges_seen() > 0);
+        let clear = || other.sections.iter().filter(|section| section.edges_seen() > 0);
         2 * clear().filter(|section| self.has(section, tolerance_m)).count() > clear().count()
     }
 }

@@ -34,7 +34,11 @@ pub(super) fn attach(mask: &Mask, ribbons: &mut Vec<Ribbon>, fields: &[Field]) -
     if mask.hand.contains(&true) {
         return attached;
     }
+    let on_blob = on_each_blob(mask, ribbons);
     for (region, field) in mask.blobs.regions.iter().zip(fields) {
+        if on_blob[usize::from(region.label)] < MIN_LEAVES {
+            continue;
+        }
         let grows = |ribbon: &Ribbon| rooted(mask, ribbon, region.label).is_some();
         let count = ribbons.iter().filter(|ribbon| ribbon.root != End::Free && grows(ribbon)).count();
         if count < MIN_LEAVES {
@@ -49,6 +53,20 @@ pub(super) fn attach(mask: &Mask, ribbons: &mut Vec<Ribbon>, fields: &[Field]) -
         }
     }
     attached
+}
+
+/// How many ribbons pass over each blob, by its label: of many blobs few have to be looked at more closely.
+fn on_each_blob(mask: &Mask, ribbons: &[Ribbon]) -> Vec<usize> {
+    let most = mask.blobs.regions.iter().map(|region| region.label).max().unwrap_or(0);
+    let mut counts = vec![0; usize::from(most) + 1];
+    for ribbon in ribbons {
+        let indices = ribbon.sections.iter().filter_map(|section| mask.index_at(section.expected.mid));
+        let mut labels: Vec<u16> = indices.map(|index| mask.blobs.of[index]).collect();
+        labels.sort_unstable();
+        labels.dedup();
+        labels.into_iter().for_each(|label| counts[usize::from(label)] += 1);
+    }
+    counts
 }
 
 /// The first section from the root on that stands clear on a blob: beyond it the blade may run into what it
