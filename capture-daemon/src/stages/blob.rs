@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 
 use glam::Vec2;
 
+use super::buckets::Buckets;
 use super::mask::{Labels, Mask};
 
 /// A blob that touches the border of the region with fewer pixels than this ends there by chance.
@@ -46,6 +47,13 @@ impl Field {
             }
         }
         if best < FAR_PX { best } else { 0.0 }
+    }
+
+    /// Whether a pixel of the image is one of the root's.
+    pub(super) fn is_root(&self, x: usize, y: usize) -> bool {
+        let [x0, y0, x1, y1] = self.bounds;
+        let inside = x >= x0 && y >= y0 && x < x1 && y < y1;
+        inside && self.twelfths[(y - y0) * (x1 - x0) + x - x0] == 0
     }
 
     /// The pixel that is farthest from the root, the first of several.
@@ -176,8 +184,6 @@ impl Blob {
 
 /// Chamfer distances (12 straight, 17 diagonal) within `body` from `seeds`; `u32::MAX` where none leads.
 pub(super) fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32> {
-    // No step is longer than 17, so that 18 buckets in a circle keep what is next apart (Dial 1969).
-    const BUCKETS: usize = 18;
     // A margin all around spares the question whether a neighbour is within. Nothing is shorter than 0:
     // what is not of the body is never reached.
     let padded = width + 2;
@@ -190,33 +196,28 @@ pub(super) fn distances(body: &[bool], width: usize, seeds: &[usize]) -> Vec<u32
             .for_each(|(distance, body)| *distance = if *body { u32::MAX } else { 0 });
     }
     let around = [(padded + 1, 17), (padded, 12), (padded - 1, 17), (1, 12)];
-    let mut buckets: [Vec<u32>; BUCKETS] = Default::default();
+    // No step is longer than 17.
+    let mut front = Buckets::<18>::default();
     for seed in seeds {
         distance[at(*seed)] = 0;
-        buckets[0].push(at(*seed) as u32);
+        front.push(0, at(*seed));
     }
-    let (mut so_far, mut turn) = (0, 0);
-    let mut empty = 0;
-    while empty < BUCKETS {
-        let mut bucket = std::mem::take(&mut buckets[turn]);
-        empty = if bucket.is_empty() { empty + 1 } else { 0 };
-        for index in bucket.drain(..).map(|index| index as usize) {
-            if distance[index] != so_far {
+    while let Some((so_far, places)) = front.next() {
+        for place in places.iter().map(|place| *place as usize) {
+            if distance[place] as usize != so_far {
                 continue;
             }
             for (offset, step) in around {
-                let reached = so_far + step;
-                for other in [index - offset, index + offset] {
+                let reached = so_far as u32 + step;
+                for other in [place - offset, place + offset] {
                     if reached < distance[other] {
                         distance[other] = reached;
-                        buckets[(turn + step as usize) % BUCKETS].push(other as u32);
+                        front.push(reached as usize, other);
                     }
                 }
             }
         }
-        buckets[turn] = bucket;
-        so_far += 1;
-        turn = (turn + 1) % BUCKETS;
+        front.give_back(so_far, places);
     }
     let mut unpadded = Vec::with_capacity(body.len());
     for (row, body) in distance[padded..].chunks(padded).zip(body.chunks(width)) {

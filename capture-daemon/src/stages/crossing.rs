@@ -15,16 +15,29 @@ const LONGEST_PX: f32 = 150.0;
 const ANCHOR: f32 = 0.01;
 
 /// One end of a fragment.
+#[derive(Clone, Copy)]
 struct Tail {
     ribbon: usize,
     at_tip: bool,
     ray: Ray,
 }
 
+/// Two ends that go together, of two fragments, the earlier one first.
+struct Pair {
+    cost: f32,
+    ends: [Tail; 2],
+}
+
 /// Joins fragments whose ends point at each other behind something nearer, the best pair first.
 /// O(fragments²) pairs.
 pub(super) fn join(mask: &Mask, ribbons: &mut Vec<Ribbon>) {
-    while let Some((from, to)) = best_pair(mask, ribbons) {
+    let mut tails: Vec<Tail> = ribbons.iter().enumerate().flat_map(tails_of).collect();
+    let mut pairs: Vec<Pair> = Vec::new();
+    for (i, a) in tails.iter().enumerate() {
+        pairs.extend(tails[i + 1..].iter().filter_map(|b| pair(mask, ribbons, a, b)));
+    }
+    while let Some(best) = pairs.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)) {
+        let [from, to] = best.ends;
         let mut tail = ribbons[to.ribbon].clone();
         let mut head = ribbons[from.ribbon].clone();
         if !from.at_tip {
@@ -41,6 +54,18 @@ pub(super) fn join(mask: &Mask, ribbons: &mut Vec<Ribbon>) {
         }
         ribbons[from.ribbon] = head;
         ribbons.remove(to.ribbon);
+        // Only what either was a part of is looked at anew.
+        let gone = |tail: &Tail| tail.ribbon == from.ribbon || tail.ribbon == to.ribbon;
+        let renumber = |tail: &mut Tail| tail.ribbon -= usize::from(tail.ribbon > to.ribbon);
+        tails.retain(|tail| !gone(tail));
+        pairs.retain(|pair| !pair.ends.iter().any(gone));
+        tails.iter_mut().for_each(renumber);
+        pairs.iter_mut().flat_map(|pair| &mut pair.ends).for_each(renumber);
+        let joined: Vec<Tail> = tails_of((from.ribbon, &ribbons[from.ribbon])).collect();
+        for (a, b) in joined.iter().flat_map(|a| tails.iter().map(move |b| (a, b))) {
+            pairs.extend(pair(mask, ribbons, a, b));
+        }
+        tails.extend(joined);
     }
 }
 
@@ -49,24 +74,18 @@ fn turn(ribbon: &mut Ribbon) {
     std::mem::swap(&mut ribbon.root, &mut ribbon.tip);
 }
 
-fn best_pair(mask: &Mask, ribbons: &[Ribbon]) -> Option<(Tail, Tail)> {
-    let tails = || {
-        ribbons.iter().enumerate().flat_map(|(ribbon, it)| {
-            let tail = |at_tip, ray: Option<Ray>| ray.map(|ray| Tail { ribbon, at_tip, ray });
-            let tip = tail(true, Ray::of(it.sections.iter().rev()));
-            // A blade that was cut from others at its base has its root there.
-            let root = (it.root != End::Shared).then(|| tail(false, Ray::of(it.sections.iter())));
-            [tip, root.flatten()].into_iter().flatten()
-        })
-    };
-    let pairs = tails().flat_map(|a| {
-        tails().filter(move |b| a.ribbon < b.ribbon).map(move |b| (a.ribbon, a.at_tip, a.ray, b))
-    });
-    let costed = pairs.filter_map(|(ribbon, at_tip, ray, b)| {
-        let a = Tail { ribbon, at_tip, ray };
-        Some((cost(mask, ribbons, &a, &b)?, a, b))
-    });
-    costed.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, a, b)| (a, b))
+fn tails_of((ribbon, it): (usize, &Ribbon)) -> impl Iterator<Item = Tail> + use<> {
+    let tail = |at_tip, ray: Option<Ray>| ray.map(|ray| Tail { ribbon, at_tip, ray });
+    let tip = tail(true, Ray::of(it.sections.iter().rev()));
+    // A blade that was cut from others at its base has its root there.
+    let root = (it.root != End::Shared).then(|| tail(false, Ray::of(it.sections.iter())));
+    [tip, root.flatten()].into_iter().flatten()
+}
+
+fn pair(mask: &Mask, ribbons: &[Ribbon], a: &Tail, b: &Tail) -> Option<Pair> {
+    let ends = if a.ribbon < b.ribbon { [*a, *b] } else { [*b, *a] };
+    let cost = (a.ribbon != b.ribbon).then(|| cost(mask, ribbons, &ends[0], &ends[1]))??;
+    Some(Pair { cost, ends })
 }
 
 /// How badly two ends go together, 0 for ends that fit; `None` where they do not.

@@ -1,6 +1,7 @@
 //! The hand and forearm that hold the blades: told from them by their thickness and by their way to
 //! the border of the picture.
 
+use super::components::{self, Component};
 use super::mask::{self, Mask};
 
 /// What is a hand.
@@ -140,10 +141,10 @@ pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool>
 /// Leaves the large parts of a hand: what is left over between blades is none.
 fn drop_crumbs(mask: &Mask, hand: &mut [bool]) {
     const SHARE: f32 = 0.05;
-    let parts = mask::components(mask, |index| hand[index], |_, _| true);
-    let largest = parts.iter().map(Vec::len).max().unwrap_or(0);
-    for part in parts.iter().filter(|part| (part.len() as f32) < SHARE * largest as f32) {
-        part.iter().for_each(|index| hand[*index as usize] = false);
+    let parts = components::find(mask, |index| hand[index], |_, _| true);
+    let largest = parts.iter().map(Component::area_px).max().unwrap_or(0);
+    for part in parts.iter().filter(|part| (part.area_px() as f32) < SHARE * largest as f32) {
+        part.runs().for_each(|run| hand[run].fill(false));
     }
 }
 
@@ -219,14 +220,12 @@ impl View<'_> {
         };
         let depth_in = chamfer(mask, |index| self.inside(index) && edge(index));
         let inner = |index: usize| pieces[index] != 0 && depth_in[index] >= NECK;
-        let found = mask::components(mask, inner, |a, b| pieces[a] == pieces[b]);
+        let found = components::find(mask, inner, |a, b| pieces[a] == pieces[b]);
         let mut parts = vec![0; pieces.len()];
         let mut front: Vec<usize> = Vec::new();
-        for (pixels, label) in found.iter().zip(1..) {
-            for index in pixels {
-                parts[*index as usize] = label;
-                front.push(*index as usize);
-            }
+        for (component, label) in found.iter().zip(1..) {
+            component.runs().for_each(|run| parts[run].fill(label));
+            front.extend(component.pixels());
         }
         // Back out to the edges, each from all sides alike.
         let mut next = 0;
@@ -247,10 +246,10 @@ impl View<'_> {
     fn bodies(&self) -> Vec<u16> {
         let mask = self.mask;
         let near = |a: usize, b: usize| (mask.depth_m[a] - mask.depth_m[b]).abs() <= BODY_STEP_M;
-        let found = mask::components(mask, |index| mask.occupancy[index] >= mask::BODY_OCCUPANCY, near);
+        let found = components::find(mask, |index| mask.occupancy[index] >= mask::BODY_OCCUPANCY, near);
         let mut bodies = vec![0; mask.depth_m.len()];
-        for (pixels, label) in found.iter().zip(1..=u16::MAX) {
-            pixels.iter().for_each(|index| bodies[*index as usize] = label);
+        for (component, label) in found.iter().zip(1..=u16::MAX) {
+            component.runs().for_each(|run| bodies[run].fill(label));
         }
         bodies
     }
@@ -297,21 +296,20 @@ impl View<'_> {
         };
         // Each connected part has to reach the border by itself.
         let [x0, y0, x1, y1] = mask.region;
-        for part in mask::components(mask, admits, |a, b| bodies[a] == bodies[b]) {
-            let on_border = |index: &&u32| {
-                let (x, y) = (**index as usize % mask.width, **index as usize / mask.width);
+        for part in components::find(mask, admits, |a, b| bodies[a] == bodies[b]) {
+            let on_border = |index: &usize| {
+                let (x, y) = (index % mask.width, index / mask.width);
                 x == x0 || y == y0 || x + 1 == x1 || y + 1 == y1
             };
-            let border_m: f32 =
-                part.iter().filter(on_border).map(|index| 1.0 / self.px_per_m(*index as usize)).sum();
+            let border_m: f32 = part.pixels().filter(on_border).map(|index| 1.0 / self.px_per_m(index)).sum();
             let round = border_m >= params.min_border_m && {
-                let cores: Vec<usize> = part.iter().map(|it| *it as usize).filter(|it| core[*it]).collect();
+                let cores: Vec<usize> = part.pixels().filter(|index| core[*index]).collect();
                 let core_m2: f32 = cores.iter().map(|index| self.px_per_m(*index).powi(-2)).sum();
                 core_m2 >= params.min_core_m2
                     && self.relief_m(&cores, &depth_in, bodies) >= params.min_relief_m
             };
             if round {
-                part.iter().for_each(|index| thick[*index as usize] = true);
+                part.runs().for_each(|run| thick[run].fill(true));
             }
         }
         Thick { thick, core, depth_in }

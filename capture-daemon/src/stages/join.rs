@@ -46,14 +46,7 @@ fn bridge(sections: &mut Vec<Section>, to: Section) {
         section.expected.mid = a.mid.lerp(b.mid, t);
         section.expected.half_px = between(a.half_px, b.half_px);
         section.expected.depth_m = between(a.depth_m, b.depth_m);
-        section.measured = Measured {
-            middle: Middle::Unseen,
-            left_px: None,
-            right_px: None,
-            depth_m: None,
-            readings: 0,
-            slope_moments: [0.0; 2],
-        };
+        section.measured = Measured::nothing(Middle::Unseen);
         sections.push(section);
     }
 }
@@ -78,16 +71,22 @@ fn gap_px(
     let (tip, start) = (ribbon.sections[n - 1].expected, at(0));
     let gap = start.mid - tip.mid;
     let distance = gap.length();
+    // Most are too far off.
+    if distance > params.unseen_px as f32 {
+        return None;
+    }
     let out = (tip.mid - ribbon.sections[n - 1 - 8.min(n - 1)].expected.mid).normalize_or_zero();
     let onward = (at(8.min(m - 1)).mid - start.mid).normalize_or_zero();
     let straight = out.dot(onward) > 0.2 && (distance < FOLD_PX || gap.dot(out) > 0.6 * distance);
     let depth_near = (tip.depth_m - start.depth_m).abs() < 0.020 + 0.002 * distance;
     let alike = start.half_px < 2.5 * tip.half_px + 2.0;
     let steps = distance.ceil() as usize;
-    let open = (0..=steps)
-        .filter_map(|k| mask.index_at(tip.mid.lerp(start.mid, k as f32 / steps.max(1) as f32)))
-        .filter(|index| !mask.unseen[*index] && mask.blobs.of[*index] == 0)
-        .count();
-    let dark = distance < FOLD_PX || (open as f32) < 0.4 * distance;
-    (straight && depth_near && alike && dark && distance <= params.unseen_px as f32).then_some(distance)
+    let open = || {
+        (0..=steps)
+            .filter_map(|k| mask.index_at(tip.mid.lerp(start.mid, k as f32 / steps.max(1) as f32)))
+            .filter(|index| !mask.unseen[*index] && mask.blobs.of[*index] == 0)
+            .count()
+    };
+    let dark = || distance < FOLD_PX || (open() as f32) < 0.4 * distance;
+    (straight && depth_near && alike && dark()).then_some(distance)
 }

@@ -1,7 +1,10 @@
 //! Depth frames → what is held before the camera: occupancy and depth of each pixel, and the
 //! connected blobs in it.
 
+use std::ops::Range;
+
 use super::accumulate::Accumulation;
+use super::components::{self, Component};
 use super::hand::{self, HandParams};
 use crate::frame::DepthFrame;
 
@@ -56,48 +59,81 @@ impl Labels {
         Self { of: vec![0; pixels], regions: Vec::new() }
     }
 
-    /// Gives the pixels of each component the next label.
-    fn number(&mut self, components: &[Vec<u32>]) {
-        for (pixels, label) in components.iter().zip(1..=u16::MAX) {
-            for index in pixels {
-                self.of[*index as usize] = label;
+    /// Gives the pixels of each component the next label; components beyond the last label go.
+    fn number(&mut self, components: &mut Vec<Component>, width: usize) {
+        components.truncate(usize::from(u16::MAX));
+        for (component, label) in components.iter().zip(1..) {
+            let mut bounds = [usize::MAX, usize::MAX, 0, 0];
+            for run in component.runs() {
+                let (x, y) = (run.start % width, run.start / width);
+                bounds = spanning(bounds, [x, y, x + run.len(), y + 1]);
+                self.of[run].fill(label);
             }
-            let bounds = [usize::MAX, usize::MAX, 0, 0];
-            self.regions.push(Region { label, area_px: pixels.len(), bounds });
+            self.regions.push(Region { label, area_px: component.area_px(), bounds });
         }
     }
 
-    /// Lets the regions grow into neighbours that are seldom occupied, and finds their bounds.
-    fn grow_fringes(&mut self, width: usize, region: [usize; 4], occupancy: &[f32], depth_m: &[f32]) {
-        let [x0, y0, x1, y1] = region;
-        let mut front: Vec<usize> = Vec::new();
-        for start in (y0..y1).map(|y| y * width) {
-            let row = self.of[start + x0..start + x1].iter().zip(start + x0..);
-            front.extend(row.filter(|(label, _)| **label != 0).map(|(_, index)| index));
-        }
+    /// Lets the regions, which are these components, grow into neighbours that are seldom occupied.
+    fn grow_fringes(
+        &mut self,
+        components: &[Component],
+        width: usize,
+        region: [usize; 4],
+        occupancy: &[f32],
+        depth_m: &[f32],
+    ) {
+        let mut front = self.rims(components, width, region);
         let mut next = 0;
         while next < front.len() {
             let index = front[next];
             next += 1;
             let label = self.of[index];
-            let bounds = &mut self.regions[usize::from(label) - 1].bounds;
-            let (x, y) = ((index as u32 % width as u32) as usize, (index as u32 / width as u32) as usize);
-            *bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x + 1), bounds[3].max(y + 1)];
-            // Most pixels lie amid their own.
-            let amid = |row: usize| self.of[row - 1..=row + 1].iter().all(|label| *label != 0);
-            let inner = x > x0 && y > y0 && x + 1 < x1 && y + 1 < y1;
-            if inner && [index - width, index, index + width].into_iter().all(amid) {
-                continue;
-            }
             for other in neighbours(index, width, region) {
                 let seldom = (FRINGE_OCCUPANCY..BODY_OCCUPANCY).contains(&occupancy[other]);
                 if self.of[other] == 0 && seldom && agree(depth_m[index], depth_m[other]) {
                     self.of[other] = label;
+                    let (x, y) = (other % width, other / width);
+                    let bounds = &mut self.regions[usize::from(label) - 1].bounds;
+                    *bounds = spanning(*bounds, [x, y, x + 1, y + 1]);
                     front.push(other);
                 }
             }
         }
     }
+
+    /// The pixels of regions that have a neighbour of none, or beyond `within`, row by row.
+    fn rims(&self, components: &[Component], width: usize, within: [usize; 4]) -> Vec<usize> {
+        let [x0, y0, x1, y1] = within;
+        let mut runs: Vec<Range<usize>> = components.iter().flat_map(Component::runs).collect();
+        runs.sort_unstable_by_key(|run| run.start);
+        let mut rims = Vec::new();
+        for run in runs {
+            let (x, y) = (run.start % width, run.start / width);
+            // Those at the border have no neighbours to look at.
+            let inner = if y > y0 && y + 1 < y1 {
+                run.start + usize::from(x == x0)..run.end - usize::from(x + run.len() == x1)
+            } else {
+                run.end..run.end
+            };
+            rims.extend(run.start..inner.start.min(run.end));
+            let around =
+                |offset: usize| &self.of[inner.start + offset - width - 1..inner.end + offset - width + 1];
+            if inner.start < inner.end {
+                let rows =
+                    around(0).windows(3).zip(around(width).windows(3)).zip(around(2 * width).windows(3));
+                let amid = |row: &[u16]| (row[0] != 0) & (row[1] != 0) & (row[2] != 0);
+                let rim = rows.zip(inner.clone()).filter(|(((a, b), c), _)| !(amid(a) & amid(b) & amid(c)));
+                rims.extend(rim.map(|(_, index)| index));
+                rims.extend(inner.end..run.end);
+            }
+        }
+        rims
+    }
+}
+
+/// The smallest bounding box of two, `[x0, y0, x1, y1]`, half open.
+fn spanning(a: [usize; 4], b: [usize; 4]) -> [usize; 4] {
+    [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
 }
 
 /// A connected region of the mask.
@@ -202,18 +238,18 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         }
     }
     bridge_gaps(&mut mask, params.bridge_px);
-    label_bodies(&mut mask, params.min_area_px);
+    let mut bodies = label_bodies(&mut mask, params.min_area_px);
     mask.depth_noise_m = depth_noise_m(&mask);
-    label_pieces(&mut mask, accumulation);
+    let mut pieces = label_pieces(&mut mask, accumulation);
     mask.hand = hand::find(&mask, accumulation.focal_px, &HandParams::default());
     if mask.hand.contains(&true) {
         mask.blobs = Labels::none(width * height);
         mask.pieces = Labels::none(width * height);
-        label_bodies(&mut mask, params.min_area_px);
-        label_pieces(&mut mask, accumulation);
+        bodies = label_bodies(&mut mask, params.min_area_px);
+        pieces = label_pieces(&mut mask, accumulation);
     }
-    mask.blobs.grow_fringes(mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
-    mask.pieces.grow_fringes(mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
+    mask.blobs.grow_fringes(&bodies, mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
+    mask.pieces.grow_fringes(&pieces, mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
     mask
 }
 
@@ -240,18 +276,11 @@ fn bridge_gaps(mask: &mut Mask, longest: usize) {
     };
     // Where a gap begins, for each direction.
     let mut starts: [Vec<usize>; 4] = Default::default();
-    for y in y0..y1 {
-        for x in x0..x1 {
-            let start = y * width + x;
-            if !occupied(start) {
-                continue;
-            }
-            for (direction, starts) in directions.into_iter().zip(&mut starts) {
-                if mask.unseen.get(start.wrapping_add_signed(direction.0 + direction.1 * width as isize))
-                    == Some(&true)
-                {
-                    starts.push(start);
-                }
+    for start in mask.pixels_seen().filter(|start| occupied(*start)) {
+        for (direction, starts) in directions.into_iter().zip(&mut starts) {
+            let next = start.wrapping_add_signed(direction.0 + direction.1 * width as isize);
+            if mask.unseen.get(next) == Some(&true) {
+                starts.push(start);
             }
         }
     }
@@ -297,84 +326,38 @@ pub(super) fn neighbours(index: usize, width: usize, region: [usize; 4]) -> impl
     found.into_iter().take(count)
 }
 
-/// Connected components of the pixels of the region that `admits` lets in, over those neighbours that
-/// are `connected`; in the order of their first pixels.
-pub(super) fn components(
-    mask: &Mask,
-    admits: impl Fn(usize) -> bool,
-    connected: impl Fn(usize, usize) -> bool,
-) -> Vec<Vec<u32>> {
-    let [x0, y0, x1, y1] = mask.seen;
-    let (mut found, mut front): (Vec<Vec<u32>>, Vec<u32>) = Default::default();
-    // Of those that are let in, which are not found yet.
-    let mut left = vec![false; y1 * mask.width];
-    for row in (y0..y1).map(|y| y * mask.width + x0..y * mask.width + x1) {
-        left[row.clone()].iter_mut().zip(row).for_each(|(left, index)| *left = admits(index));
-    }
-    let width = mask.width as isize;
-    let around = [-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1];
-    for start in mask.pixels_seen() {
-        if !left[start] {
-            continue;
-        }
-        left[start] = false;
-        front.push(start as u32);
-        let mut next = 0;
-        while next < front.len() {
-            let index = front[next] as usize;
-            next += 1;
-            let mut visit = |other: usize| {
-                if left[other] && connected(index, other) {
-                    left[other] = false;
-                    front.push(other as u32);
-                }
-            };
-            let (x, y) = (index as u32 % mask.width as u32, index as u32 / mask.width as u32);
-            let (x, y) = (x as usize, y as usize);
-            if x > x0 && y > y0 && x + 1 < x1 && y + 1 < y1 {
-                around.iter().for_each(|offset| visit(index.wrapping_add_signed(*offset)));
-            } else {
-                neighbours(index, mask.width, mask.seen).for_each(visit);
-            }
-        }
-        found.push(front.clone());
-        front.clear();
-    }
-    found
-}
-
-fn label_bodies(mask: &mut Mask, min_area_px: usize) {
+fn label_bodies(mask: &mut Mask, min_area_px: usize) -> Vec<Component> {
     let body = |index: usize| mask.occupancy[index] >= BODY_OCCUPANCY && !mask.hand[index];
     let surface = |a: usize, b: usize| agree(mask.depth_m[a], mask.depth_m[b]);
-    let mut found = components(mask, body, surface);
-    found.retain(|pixels| pixels.len() >= min_area_px);
-    found.sort_by_key(|pixels| (std::cmp::Reverse(pixels.len()), pixels[0]));
+    let mut found = components::find(mask, body, surface);
+    found.retain(|component| component.area_px() >= min_area_px);
+    // In the order of their first pixels they are already.
+    found.sort_by_key(|component| std::cmp::Reverse(component.area_px()));
     // Knuckles stand out from the hand, but not far.
     if mask.hand.contains(&true) {
         let from_hand = hand::chamfer(mask, |index| mask.hand[index]);
-        found.retain(|pixels| {
-            let far = pixels.iter().map(|index| from_hand[*index as usize]).max().unwrap_or(0);
-            let near = pixels.iter().map(|index| from_hand[*index as usize]).min().unwrap_or(u32::MAX);
+        found.retain(|component| {
+            let far = component.pixels().map(|index| from_hand[index]).max().unwrap_or(0);
+            let near = component.pixels().map(|index| from_hand[index]).min().unwrap_or(u32::MAX);
             near > 48 || far > 12 * 28
         });
     }
-    mask.blobs.number(&found);
+    mask.blobs.number(&mut found, mask.width);
+    found
 }
 
 /// Noise of the mean depth, metres: from the bend of depth over three neighbouring pixels, whose
 /// variance is 1.5 times that of one pixel. A surface's own curvature is far smaller.
 fn depth_noise_m(mask: &Mask) -> f32 {
-    let mut bends: Vec<f32> = mask
-        .pixels_seen()
-        .filter(|i| {
-            let inside = *i > 0 && i + 1 < mask.blobs.of.len();
-            inside
-                && mask.blobs.of[*i] != 0
-                && mask.blobs.of[i - 1] == mask.blobs.of[*i]
-                && mask.blobs.of[i + 1] == mask.blobs.of[*i]
-        })
-        .map(|i| (mask.depth_m[i] - 0.5 * (mask.depth_m[i - 1] + mask.depth_m[i + 1])).abs())
-        .collect();
+    let ([x0, y0, x1, y1], width) = (mask.seen, mask.width);
+    let mut bends: Vec<f32> = Vec::new();
+    for row in (y0..y1).map(|y| y * width + x0..y * width + x1) {
+        let labels = mask.blobs.of[row.clone()].windows(3);
+        let alike = labels
+            .zip(mask.depth_m[row].windows(3))
+            .filter(|(of, _)| of[1] != 0 && of[0] == of[1] && of[1] == of[2]);
+        bends.extend(alike.map(|(_, depth)| (depth[1] - 0.5 * (depth[0] + depth[2])).abs()));
+    }
     if bends.is_empty() {
         return 0.0;
     }
@@ -391,30 +374,28 @@ pub fn fine_step_m(noise_m: f32) -> f32 {
 /// Pieces smaller than this are the crumbs of an edge, pixels.
 const MIN_PIECE_PX: usize = 24;
 
-fn label_pieces(mask: &mut Mask, accumulation: &Accumulation) {
+fn label_pieces(mask: &mut Mask, accumulation: &Accumulation) -> Vec<Component> {
     let step = fine_step_m(mask.depth_noise_m);
     // A pixel that showed one surface in some frames and another in others has a mean between both.
-    let mut spreads = vec![0.0; mask.seen[3] * mask.width];
-    let mut typical: Vec<f32> = Vec::new();
-    for index in mask.pixels_seen().filter(|index| mask.blobs.of[*index] != 0) {
-        spreads[index] = accumulation.spread_m(index);
-        if spreads[index] > 0.0 {
-            typical.push(spreads[index]);
-        }
-    }
+    let on_blob = || mask.pixels_seen().filter(|index| mask.blobs.of[*index] != 0);
+    let spreads: Vec<f32> = on_blob().map(|index| accumulation.spread_m(index)).collect();
+    let mut typical: Vec<f32> = spreads.iter().copied().filter(|spread| *spread > 0.0).collect();
     let middle = typical.len() / 2;
     let limit = if mask.frames >= 4 && !typical.is_empty() {
         2.2 * *typical.select_nth_unstable_by(middle, f32::total_cmp).1
     } else {
         f32::INFINITY
     };
-    let clean = |index: usize| mask.blobs.of[index] != 0 && spreads[index] <= limit;
+    let mut clean = vec![false; mask.seen[3] * mask.width];
+    on_blob().zip(&spreads).for_each(|(index, spread)| clean[index] = *spread <= limit);
+    let clean = |index: usize| clean[index];
     let same = |a: usize, b: usize| {
         mask.blobs.of[a] == mask.blobs.of[b] && (mask.depth_m[a] - mask.depth_m[b]).abs() <= step
     };
-    let mut found = components(mask, clean, same);
-    found.retain(|pixels| pixels.len() >= MIN_PIECE_PX);
-    mask.pieces.number(&found);
+    let mut found = components::find(mask, clean, same);
+    found.retain(|component| component.area_px() >= MIN_PIECE_PX);
+    mask.pieces.number(&mut found, mask.width);
+    found
 }
 
 #[cfg(test)]

@@ -6,6 +6,9 @@
 pub mod accumulate;
 pub mod blade;
 pub mod blob;
+mod buckets;
+mod chamfer;
+mod components;
 pub mod confidence;
 pub mod contour;
 pub mod crease;
@@ -27,4 +30,5 @@ mod seed;
 mod settle;
 pub mod skeleton;
 mod stem;
+mod trend;
 mod tuft;

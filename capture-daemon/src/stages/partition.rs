@@ -132,13 +132,15 @@ fn walk(
     // of a tuft are two of its tips: its root is what is lowest.
     let lowest = blob.lowest(params.down)?;
     let from_lowest = blob.distance_from(&[lowest]);
+    let tuft = Walk::from_root(points, &from_lowest, params);
+    // One blade has two ends, wherever its lowest pixel is: the rest need not be looked at.
+    if tuft.tips.len() > 2 {
+        return Some((from_lowest, Some(tuft)));
+    }
     let from_end = blob.distance_from_lower_end(lowest, &from_lowest, params.down);
     let single = Walk::from_root(points, &from_end, params);
-    if single.tips.len() > 1 {
-        return Some((from_lowest, None));
-    }
-    let tuft = Walk::from_root(points, &from_lowest, params);
-    Some(if tuft.is_forked() { (from_lowest, Some(tuft)) } else { (from_end, Some(single)) })
+    let is_tuft = single.tips.len() > 1 || tuft.is_forked();
+    Some(if is_tuft { (from_lowest, Some(tuft)) } else { (from_end, Some(single)) })
 }
 
 /// Of a piece that leaves the region elsewhere than the blob that it is a part of: the pixel nearest to
@@ -212,7 +214,7 @@ fn smoothed(values: &[f32]) -> Vec<f32> {
 fn persistent_maxima(values: &[f32], threshold: f32) -> Vec<usize> {
     const NONE: usize = usize::MAX;
     let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_by(|a, b| values[*b].total_cmp(&values[*a]).then(a.cmp(b)));
+    order.sort_unstable_by(|a, b| values[*b].total_cmp(&values[*a]).then(a.cmp(b)));
     // parent[i]: towards the component's highest index.
     let mut parent = vec![NONE; values.len()];
     let find = |parent: &mut Vec<usize>, mut index: usize| {

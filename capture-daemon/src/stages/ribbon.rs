@@ -10,10 +10,11 @@ use super::crossing;
 use super::join::join;
 use super::mask::Mask;
 use super::partition::Part;
-use super::section::{Expected, Fold, Measured, Middle};
+use super::section::{Expected, Measured, Middle};
 use super::seed::seed;
-use super::settle::{settle, settle_roughly};
+use super::settle::{moved, settle, settle_roughly};
 use super::stem;
+use super::trend::Trend;
 use super::tuft;
 
 /// A cross-section of a ribbon, about a pixel from the next.
@@ -102,13 +103,17 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
         }
     }
     longest_first(&mut ribbons);
-    let mut kept: Vec<Ribbon> = Vec::new();
-    for ribbon in ribbons {
-        if !kept.iter().any(|longer| covers(longer, &ribbon, mask)) {
-            kept.push(ribbon);
-        }
-    }
-    kept
+    let mut kept: Vec<Course> = Vec::new();
+    let is_kept: Vec<bool> = ribbons
+        .iter()
+        .map(|ribbon| {
+            let course = Course::of(&ribbon.sections);
+            let is_new = !kept.iter().any(|longer| longer.covers(&course, mask));
+            kept.extend(is_new.then_some(course));
+            is_new
+        })
+        .collect();
+    ribbons.into_iter().zip(is_kept).filter_map(|(ribbon, is_kept)| is_kept.then_some(ribbon)).collect()
 }
 
 /// Largest distance of a reading from where its blade is expected, metres.
@@ -267,12 +272,13 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
     let (mut hidden, mut unseen, mut gone) = (0, 0, 0);
     // The last section that stood clear of all others, and how far it is back.
     let (mut clear, mut unclear) = (sections.len(), 0.0);
-    let memory = memory();
+    let mut trend = Trend::of(sections);
     let end = loop {
         let coasted = sections.len() - seen;
-        let mut expected = predict(sections, &memory, tolerance_m(mask));
-        expected.search_px = 1.8 + 0.12 * coasted as f32;
-        expected.tolerance_m += 1.0e-4 * coasted as f32;
+        let search_px = 1.8 + 0.12 * coasted as f32;
+        let tolerance_m = tolerance_m(mask) + 1.0e-4 * coasted as f32;
+        let last = &sections[sections.len() - 1].expected;
+        let expected = Expected { search_px, tolerance_m, ..trend.next(last) };
         let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32);
         let Vec2 { x, y } = expected.mid;
         if !(x >= x0 && y >= y0 && x <= x1 - 1.0 && y <= y1 - 1.0) {
@@ -286,11 +292,12 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
         match section.measured.middle {
             Middle::Blade if coasted >= 4 && !fits(&section) => hidden += 1,
             Middle::Blade => {
-                section.expected.mid = section.middle();
+                let mut found = Expected { mid: section.middle(), ..expected };
                 if let (Some(left), Some(right)) = (section.measured.left_px, section.measured.right_px) {
-                    section.expected.half_px = 0.5 * (right - left);
+                    found.half_px = 0.5 * (right - left);
                 }
-                section.measured = section.expected.measure(mask);
+                section.measured = moved(&section, &found).unwrap_or_else(|| found.measure(mask));
+                section.expected = found;
                 (hidden, unseen, gone) = (0, 0, 0);
                 seen = sections.len() + 1;
                 if fits(&section) {
@@ -303,6 +310,7 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
         }
         unclear += [1.0, 0.3, 0.0][section.edges_seen()];
         sections.push(section);
+        trend.push(&section);
         let width = 2.0 * section.expected.half_px;
         let merged = section.measured.middle == Middle::Blade && unclear > 1.5 * width + 8.0;
         if merged && root_is_far(mask, &section, fields) {
@@ -335,63 +343,6 @@ fn fits(section: &Section) -> bool {
     }
 }
 
-/// Sections that a prediction looks back to.
-const WINDOW: usize = 80;
-
-/// What a section counts in a prediction, by how far it is behind the last one that is seen.
-fn memory() -> [f32; WINDOW] {
-    const MEMORY_PX: f32 = 24.0;
-    std::array::from_fn(|back| (-(back as f32) / MEMORY_PX).exp())
-}
-
-/// What is expected one pixel on, from the sections so far.
-fn predict(sections: &[Section], memory: &[f32; WINDOW], tolerance_m: f32) -> Expected {
-    let recent = &sections[sections.len().saturating_sub(WINDOW)..];
-    // Hidden sections count from the last seen one on.
-    let last = sections[sections.len() - 1];
-    let seen = recent.iter().rposition(|section| section.weight() > 0.0).unwrap_or(recent.len() - 1);
-    let [mut x, mut y, mut half, mut depth] = [Parabola::default(); 4];
-    let mut slope = (0.0, 0.0);
-    for (i, section) in recent.iter().enumerate() {
-        let s = i as f64 - recent.len() as f64;
-        let memory = memory[seen.saturating_sub(i)];
-        let weight = f64::from(memory * section.weight());
-        let mid = section.middle();
-        x.add(s, mid.x.into(), weight);
-        y.add(s, mid.y.into(), weight);
-        if section.edges_seen() == 2 {
-            half.add(s, section.expected.half_px.into(), weight);
-        }
-        if let Some(z) = section.measured.depth_m {
-            depth.add(s, z.into(), f64::from(memory) * f64::from(section.measured.readings));
-        }
-        slope.0 += memory * section.expected.slope_m;
-        slope.1 += memory;
-    }
-    let along = Vec2::new(last.expected.across.y, -last.expected.across.x);
-    // A curvature of 1/100 px has to be worth its readings.
-    let curve = |fit: &Parabola| fit.solve(2, 200.0);
-    let (mid, direction) = match (curve(&x), curve(&y)) {
-        (Some(x), Some(y)) => (Vec2::new(x[0] as f32, y[0] as f32), Vec2::new(x[1] as f32, y[1] as f32)),
-        _ => (last.expected.mid + along, along),
-    };
-    let direction = direction.normalize_or(along);
-    let value = |fit: Option<[f64; 3]>, fallback: f32| fit.map_or(fallback, |fit| fit[0] as f32);
-    let known = recent[seen].expected.half_px;
-    let half_px = value(half.solve(1, 0.0), known).clamp(0.6 * known, 1.25 * known).max(0.5);
-    let crease = recent[seen].expected.fold.at_px / known;
-    Expected {
-        mid,
-        across: Vec2::new(-direction.y, direction.x),
-        half_px,
-        depth_m: value(curve(&depth), last.expected.depth_m),
-        slope_m: slope.0 / slope.1.max(1e-6),
-        fold: Fold { at_px: crease * half_px, ..recent[seen].expected.fold },
-        tolerance_m,
-        search_px: 1.8,
-    }
-}
-
 /// Whether the root of the blob that a section lies on is farther off than a blade's base can reach:
 /// then what the blade has run into is a stem.
 fn root_is_far(mask: &Mask, section: &Section, fields: &[Field]) -> bool {
@@ -401,23 +352,60 @@ fn root_is_far(mask: &Mask, section: &Section, fields: &[Field]) -> bool {
     field.is_some_and(|field| field.at(mid) > 5.0 * half_px + 10.0)
 }
 
-/// Whether most of what is seen of `ribbon` is `longer`'s.
-fn covers(longer: &Ribbon, ribbon: &Ribbon, mask: &Mask) -> bool {
-    let tolerance = 3.0 * tolerance_m(mask);
-    let reach = |other: &Section| other.expected.half_px.max(1.0) + 0.5;
-    let places = || longer.sections.iter().map(|other| (other.expected.mid, Vec2::splat(reach(other))));
-    let low = places().map(|(mid, reach)| mid - reach).reduce(Vec2::min).unwrap_or_default();
-    let high = places().map(|(mid, reach)| mid + reach).reduce(Vec2::max).unwrap_or_default();
-    let within = |section: &&Section| {
+/// The place of a ribbon in the picture, to tell whether others lie on it.
+struct Course<'a> {
+    sections: &'a [Section],
+    /// Bounding box of what it reaches.
+    low: Vec2,
+    high: Vec2,
+    /// The most that a section reaches, and is from the next, pixels.
+    widest_px: f32,
+    stride_px: f32,
+}
+
+impl<'a> Course<'a> {
+    fn of(sections: &'a [Section]) -> Self {
+        let places = || sections.iter().map(|it| (it.expected.mid, Vec2::splat(Self::reach_px(it))));
+        let strides = sections.windows(2).map(|pair| pair[0].expected.mid.distance(pair[1].expected.mid));
+        Self {
+            sections,
+            low: places().map(|(mid, reach)| mid - reach).reduce(Vec2::min).unwrap_or_default(),
+            high: places().map(|(mid, reach)| mid + reach).reduce(Vec2::max).unwrap_or_default(),
+            widest_px: sections.iter().map(Self::reach_px).fold(0.0, f32::max),
+            stride_px: strides.fold(0.1, f32::max),
+        }
+    }
+
+    fn reach_px(section: &Section) -> f32 {
+        section.expected.half_px.max(1.0) + 0.5
+    }
+
+    /// Whether a section lies on one of it at about the same depth.
+    fn has(&self, section: &Section, tolerance_m: f32) -> bool {
         let mid = section.expected.mid;
-        let around = mid.cmpge(low).all() && mid.cmple(high).all();
-        around
-            && longer.sections.iter().any(|other| {
-                let off = other.expected.mid - mid;
-                let near = off.x.abs() < reach(other) && off.length() < reach(other);
-                near && (other.expected.depth_m - section.expected.depth_m).abs() < tolerance
-            })
-    };
-    let clear = || ribbon.sections.iter().filter(|section| section.edges_seen() > 0);
-    2 * clear().filter(within).count() > clear().count()
+        if !(mid.cmpge(self.low).all() && mid.cmple(self.high).all()) {
+            return false;
+        }
+        let mut i = 0;
+        while let Some(own) = self.sections.get(i) {
+            let off = own.expected.mid.distance(mid);
+            let near = off < Self::reach_px(own);
+            if near && (own.expected.depth_m - section.expected.depth_m).abs() < tolerance_m {
+                return true;
+            }
+            // So many more are too far off.
+            i += 1 + ((off - self.widest_px) / self.stride_px).max(0.0) as usize;
+        }
+        false
+    }
+
+    /// Whether it has most of what is seen of another one.
+    fn covers(&self, other: &Self, mask: &Mask) -> bool {
+        if self.low.cmpgt(other.high).any() || other.low.cmpgt(self.high).any() {
+            return false;
+        }
+        let tolerance_m = 3.0 * tolerance_m(mask);
+        let clear = || other.sections.iter().filter(|section| section.edges_seen() > 0);
+        2 * clear().filter(|section| self.has(section, tolerance_m)).count() > clear().count()
+    }
 }

@@ -138,9 +138,8 @@ impl Expected {
     pub fn measure(&self, mask: &Mask) -> Measured {
         let mut sights = Sights { expected: self, mask, known: [None; 2 * KEPT_STEPS + 1] };
         let middle = self.middle(&mut sights);
-        let nothing = Measured::nothing(middle);
         if middle != Middle::Blade {
-            return nothing;
+            return Measured::nothing(middle);
         }
         let left = self.edge(&mut sights, -1);
         let right = self.edge(&mut sights, 1);
@@ -172,12 +171,12 @@ impl Expected {
         let n = aways.len();
         let median = (n > 0).then(|| 0.5 * (aways[(n - 1) / 2] + aways[n / 2]));
         Measured {
+            middle,
             left_px: left,
             right_px: right,
             depth_m: median.map(|away| self.depth_m + away),
             readings: n as u16,
             slope_moments: moments,
-            ..nothing
         }
     }
 
@@ -236,7 +235,8 @@ impl Expected {
         let mut beyond = |steps: i32| sights.at(side * (last + steps));
         const SHADOW: i32 = ((1.5 + SHADOW_PX) / STEP_PX) as i32;
         // What is nearer is no narrower than a pixel.
-        if let Some(nearer) = (1..=SHADOW).step_by(2).find(|j| beyond(*j) == Sight::Nearer) {
+        let every_other = (0..(SHADOW + 1) / 2).map(|k| 2 * k + 1);
+        if let Some(nearer) = every_other.into_iter().find(|j| beyond(*j) == Sight::Nearer) {
             // Hidden, unless what is nearer begins only behind a stretch of plain background.
             let background = (1..=8).find(|j| beyond(*j) == Sight::Empty);
             if background.is_none_or(|b| nearer < b + 2) {

@@ -95,7 +95,10 @@ fn fold_from(Expected { mid: before, fold, .. }: &Expected, mid: Vec2, across: V
 
 /// What was measured, as seen from a place so near that it would be measured alike: the edges stay where
 /// they are in the image.
-fn moved(Section { expected, measured, guide_px, .. }: &Section, to: &Expected) -> Option<Measured> {
+pub(super) fn moved(
+    Section { expected, measured, guide_px, .. }: &Section,
+    to: &Expected,
+) -> Option<Measured> {
     const NEAR_PX: f32 = 0.25;
     const NEAR_TOLERANCES: f32 = 0.25;
     let by = to.mid - expected.mid;

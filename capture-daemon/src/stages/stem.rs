@@ -1,12 +1,10 @@
 //! Leaves along a stem: where each of them leaves it, and the way there through what they share.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
 use glam::Vec2;
 
 use super::blob::Field;
-use super::hand;
+use super::buckets::Buckets;
+use super::chamfer;
 use super::mask::{Mask, fine_step_m, neighbours};
 use super::ribbon::{End, Ribbon, RibbonParams, Section, reverse, unsure};
 use super::section::Expected;
@@ -44,13 +42,17 @@ pub(super) fn attach(
     if mask.hand.contains(&true) {
         return attached;
     }
+    let on_blob = on_each_blob(mask, ribbons);
     for (region, field) in mask.blobs.regions.iter().zip(fields) {
+        if on_blob[usize::from(region.label)] < MIN_LEAVES {
+            continue;
+        }
         let grows = |ribbon: &Ribbon| rooted(mask, ribbon, region.label).is_some();
         let count = ribbons.iter().filter(|ribbon| ribbon.root != End::Free && grows(ribbon)).count();
         if count < MIN_LEAVES || tuft::share(mask, ribbons, region.label, params) > MAX_TUFT {
             continue;
         }
-        let ways = Ways::of(mask, region.label, region.bounds, field);
+        let mut ways = Ways::of(mask, region.label, region.bounds, field);
         let mut leaves: Vec<Ribbon> = ribbons.iter().filter(|ribbon| grows(ribbon)).cloned().collect();
         leaves.iter_mut().for_each(|leaf| ways.turn(leaf, mask));
         if ways.lead(mask, &mut leaves) {
@@ -59,6 +61,20 @@ pub(super) fn attach(
         }
     }
     attached
+}
+
+/// How many ribbons pass over each blob, by its label: of many blobs few have to be looked at more closely.
+fn on_each_blob(mask: &Mask, ribbons: &[Ribbon]) -> Vec<usize> {
+    let most = mask.blobs.regions.iter().map(|region| region.label).max().unwrap_or(0);
+    let mut counts = vec![0; usize::from(most) + 1];
+    for ribbon in ribbons {
+        let indices = ribbon.sections.iter().filter_map(|section| mask.index_at(section.expected.mid));
+        let mut labels: Vec<u16> = indices.map(|index| mask.blobs.of[index]).collect();
+        labels.sort_unstable();
+        labels.dedup();
+        labels.into_iter().for_each(|label| counts[usize::from(label)] += 1);
+    }
+    counts
 }
 
 /// The first section from the root on that stands clear on a blob: beyond it the blade may run into what it
@@ -73,82 +89,123 @@ fn rooted(mask: &Mask, ribbon: &Ribbon, label: u16) -> Option<usize> {
     (3 * first < 2 * ribbon.sections.len()).then_some(first)
 }
 
-/// The ways from the pixels of a blob to its root.
+/// The ways from the pixels of a blob to its root. All is by place: the pixels of the blob's bounds with a
+/// margin of one all around, row by row, which spares the question whether a neighbour is within.
 struct Ways {
     /// The blob's.
     label: u16,
+    /// Of the places, in the image; they begin a pixel before it.
     bounds: [usize; 4],
-    /// Cost from the root, by pixel of the bounds; infinite outside of the blob.
-    cost: Vec<f32>,
-    /// The next pixel towards the root, as an index into the image; itself at the root.
-    next: Vec<u32>,
-    /// How far the blob's border is, by pixel of the bounds, pixels.
+    columns: usize,
+    places: Vec<Place>,
+    /// How far the blob's border is from each, pixels.
     depth_px: Vec<f32>,
+    /// Places from where on the ways are not known yet. No step is shorter than 1, and none is longer than
+    /// √2·(1 + 6 + 25).
+    front: Buckets<48>,
+}
+
+#[derive(Clone, Copy)]
+struct Place {
+    /// Cost of the way from the root; infinite outside of the blob and where no way was looked for.
+    cost: f32,
+    /// The next place towards the root; itself at the root.
+    next: u32,
+    /// What a pixel of the way costs here but for steps in depth; infinite outside of the blob.
+    dear: f32,
+    /// Depth, in steps that divide a blob.
+    steps: f32,
 }
 
 impl Ways {
-    /// Dijkstra over a blob's pixels. A pixel near the border, or beyond a step in depth, is dear.
+    /// Over a blob's pixels. A pixel near the border, or beyond a step in depth, is dear.
     fn of(mask: &Mask, label: u16, bounds: [usize; 4], field: &Field) -> Self {
         const RIM: f32 = 6.0;
         let [x0, y0, x1, y1] = bounds;
-        let at = |index: usize| (index / mask.width - y0) * (x1 - x0) + index % mask.width - x0;
-        let inside = || (y0..y1).flat_map(|y| y * mask.width + x0..y * mask.width + x1);
-        let depth = hand::chamfer(mask, |index| mask.blobs.of[index] != label);
-        let depth_px: Vec<f32> = inside().map(|index| depth[index] as f32 / 12.0).collect();
-        let mut cost = vec![f32::INFINITY; depth_px.len()];
-        let mut next = vec![u32::MAX; depth_px.len()];
-        // Costs are not negative: their bits are in their order.
-        let mut front: BinaryHeap<Reverse<(u32, u32)>> = BinaryHeap::new();
-        for index in inside().filter(|index| mask.blobs.of[*index] == label) {
-            if field.at(mask.pixel(index)) < 0.5 {
-                cost[at(index)] = 0.0;
-                next[at(index)] = index as u32;
-                front.push(Reverse((0, index as u32)));
-            }
-        }
-        let step_m = fine_step_m(mask.depth_noise_m);
-        while let Some(Reverse((so_far, index))) = front.pop() {
-            let (index, so_far) = (index as usize, f32::from_bits(so_far));
-            if so_far > cost[at(index)] {
-                continue;
-            }
-            for other in neighbours(index, mask.width, bounds) {
-                if mask.blobs.of[other] != label {
-                    continue;
-                }
-                let length = mask.pixel(index).distance(mask.pixel(other));
-                let jump = (mask.depth_m[index] - mask.depth_m[other]).abs() / step_m;
-                let rim = RIM / (depth_px[at(other)] * depth_px[at(other)]).max(1.0);
-                let reached = so_far + length * (1.0 + rim + (jump * jump).min(25.0));
-                if reached < cost[at(other)] {
-                    cost[at(other)] = reached;
-                    next[at(other)] = index as u32;
-                    front.push(Reverse((reached.to_bits(), other as u32)));
+        let columns = x1 - x0 + 2;
+        let depth_px = depth_px(mask, label, bounds);
+        let outside = Place { cost: f32::INFINITY, next: u32::MAX, dear: f32::INFINITY, steps: 0.0 };
+        let mut places = vec![outside; depth_px.len()];
+        let steps_per_m = 1.0 / fine_step_m(mask.depth_noise_m);
+        let mut front = Buckets::default();
+        for y in y0..y1 {
+            let row = (y - y0 + 1) * columns + 1;
+            for x in (x0..x1).filter(|x| mask.blobs.of[y * mask.width + x] == label) {
+                let place = row + x - x0;
+                let it = &mut places[place];
+                it.dear = 1.0 + RIM / (depth_px[place] * depth_px[place]).max(1.0);
+                it.steps = mask.depth_m[y * mask.width + x] * steps_per_m;
+                if field.is_root(x, y) {
+                    (it.cost, it.next) = (0.0, place as u32);
+                    front.push(0, place);
                 }
             }
         }
-        Self { label, bounds, cost, next, depth_px }
+        Self { label, bounds, columns, places, depth_px, front }
     }
 
-    /// The place of a pixel of the image in the bounds, if it is one of the blob.
+    /// Looks for the ways from these points, and from all nearer ones (Dijkstra).
+    fn look(&mut self, mask: &Mask, points: impl Iterator<Item = Vec2>) {
+        let indices = points.filter_map(|point| mask.index_at(point));
+        let mut wanted: Vec<usize> = indices.filter_map(|index| self.place_in_bounds(mask, index)).collect();
+        wanted.retain(|place| self.places[*place].dear.is_finite());
+        let diagonal = std::f32::consts::SQRT_2;
+        let columns = self.columns;
+        let around = [(1, 1.0), (columns - 1, diagonal), (columns, 1.0), (columns + 1, diagonal)];
+        let places = &mut self.places;
+        loop {
+            // What is nearer than all that waits has its way.
+            wanted.retain(|place| places[*place].cost >= self.front.nearest() as f32);
+            if wanted.is_empty() {
+                break;
+            }
+            let Some((nearest, reached)) = self.front.next() else { break };
+            for at in reached.iter().map(|place| *place as usize) {
+                let Place { cost, steps, .. } = places[at];
+                if (cost as usize) < nearest {
+                    continue;
+                }
+                for (offset, length) in around {
+                    for other in [at - offset, at + offset] {
+                        let there = &mut places[other];
+                        let jump = steps - there.steps;
+                        let cost = cost + length * (there.dear + (jump * jump).min(25.0));
+                        if cost < there.cost {
+                            (there.cost, there.next) = (cost, at as u32);
+                            self.front.push(cost as usize, other);
+                        }
+                    }
+                }
+            }
+            self.front.give_back(nearest, reached);
+        }
+    }
+
+    /// The place of a pixel of the image, if its way is known.
     fn place(&self, mask: &Mask, index: usize) -> Option<usize> {
+        self.place_in_bounds(mask, index).filter(|place| self.places[*place].cost.is_finite())
+    }
+
+    fn place_in_bounds(&self, mask: &Mask, index: usize) -> Option<usize> {
         let ([x0, y0, x1, y1], x, y) = (self.bounds, index % mask.width, index / mask.width);
         let inside = x >= x0 && y >= y0 && x < x1 && y < y1;
-        let place = inside.then(|| (y - y0) * (x1 - x0) + x - x0)?;
-        self.cost[place].is_finite().then_some(place)
+        inside.then(|| (y - y0 + 1) * self.columns + x - x0 + 1)
     }
 
     fn cost_at(&self, mask: &Mask, point: Vec2) -> Option<f32> {
         let place = self.place(mask, mask.index_at(point)?)?;
-        Some(self.cost[place])
+        Some(self.places[place].cost)
     }
 
     /// Turns a leaf that both ends lead on from: its root is the one nearer to the stem's.
-    fn turn(&self, leaf: &mut Ribbon, mask: &Mask) {
-        let tip = leaf.sections[leaf.sections.len() - 1].expected.mid;
-        let cost = |point| self.cost_at(mask, point);
-        let (Some(root), Some(tip)) = (cost(leaf.sections[0].expected.mid), cost(tip)) else { return };
-        if leaf.tip != End::Free && tip < root {
+    fn turn(&mut self, leaf: &mut Ribbon, mask: &Mask) {
+        if leaf.tip == End::Free {
+            return;
+        }
+        let ends = [0, leaf.sections.len() - 1].map(|i| leaf.sections[i].expected.mid);
+        self.look(mask, ends.into_iter());
+        let [Some(root), Some(tip)] = ends.map(|end| self.cost_at(mask, end)) else { return };
+        if tip < root {
             reverse(&mut leaf.sections);
             std::mem::swap(&mut leaf.root, &mut leaf.tip);
             leaf.unsure = unsure(&leaf.sections);
@@ -157,21 +214,24 @@ impl Ways {
 
     /// The pixels from a point to the root; `None` outside of the blob.
     fn way(&self, mask: &Mask, point: Vec2) -> Option<Vec<usize>> {
-        let mut way = vec![mask.index_at(point)?];
+        let [x0, y0, ..] = self.bounds;
+        let mut place = self.place(mask, mask.index_at(point)?)?;
+        let mut way = Vec::new();
         loop {
-            let here = way[way.len() - 1];
-            let next = self.next[self.place(mask, here)?] as usize;
-            if next == here {
+            let (x, y) = (x0 + place % self.columns - 1, y0 + place / self.columns - 1);
+            way.push(y * mask.width + x);
+            let next = self.places[place].next as usize;
+            if next == place {
                 return Some(way);
             }
-            way.push(next);
+            place = next;
         }
     }
 
     /// The longest stretch that ways to the root share, down to the root, each pixel counting once for each way
     /// beyond the first; if it is slender.
     fn stem<'a>(&self, mask: &Mask, ways: &'a [Vec<usize>]) -> Option<&'a [usize]> {
-        let mut shared = vec![0_u16; self.cost.len()];
+        let mut shared = vec![0_u16; self.places.len()];
         for place in ways.iter().flatten().filter_map(|index| self.place(mask, *index)) {
             shared[place] += 1;
         }
@@ -188,7 +248,7 @@ impl Ways {
 
     /// Sections of the longest leaf that each pixel of the bounds lies on; 0 for none.
     fn longest(&self, mask: &Mask, leaves: &[Ribbon]) -> Vec<usize> {
-        let mut longest = vec![0; self.cost.len()];
+        let mut longest = vec![0; self.places.len()];
         for leaf in leaves {
             let length = leaf.sections.len();
             // Near the stem it may run on what it shares.
@@ -206,24 +266,29 @@ impl Ways {
     }
 
     /// Leads leaves to their stem; `false` where they share none.
-    fn lead(&self, mask: &Mask, leaves: &mut [Ribbon]) -> bool {
+    fn lead(&mut self, mask: &Mask, leaves: &mut [Ribbon]) -> bool {
         let roots: Vec<usize> =
             leaves.iter().map(|leaf| rooted(mask, leaf, self.label).unwrap_or(0)).collect();
-        let way = |leaf: &Ribbon, i: usize| self.way(mask, leaf.sections[i].expected.mid).unwrap_or_default();
-        let ways: Vec<Vec<usize>> = leaves.iter().zip(&roots).map(|(leaf, root)| way(leaf, *root)).collect();
+        let mut ways_from = |starts: &[usize]| -> Vec<Vec<usize>> {
+            let points = || leaves.iter().zip(starts).map(|(leaf, start)| leaf.sections[*start].expected.mid);
+            self.look(mask, points());
+            points().map(|point| self.way(mask, point).unwrap_or_default()).collect()
+        };
+        let ways = ways_from(&roots);
         // Of a leaf that was followed down the stem already the way from farther out shows where it runs.
         let outer = |((leaf, root), from_root): ((&Ribbon, &usize), &Vec<usize>)| {
             let own = leaf.sections.len() - root;
-            if 4 * from_root.len() < own { way(leaf, root + own * 3 / 4) } else { from_root.clone() }
+            if 4 * from_root.len() < own { root + own * 3 / 4 } else { *root }
         };
-        let from_outside: Vec<Vec<usize>> = leaves.iter().zip(&roots).zip(&ways).map(outer).collect();
+        let outside: Vec<usize> = leaves.iter().zip(&roots).zip(&ways).map(outer).collect();
+        let from_outside = ways_from(&outside);
         let Some(stem_way) = self.stem(mask, &from_outside) else { return false };
         let mut lengths: Vec<usize> = leaves.iter().map(|leaf| leaf.sections.len()).collect();
         lengths.sort_unstable();
         if (stem_way.len() as f32) < MIN_STEM * lengths[lengths.len() / 2] as f32 {
             return false;
         }
-        let mut on_stem = vec![false; self.cost.len()];
+        let mut on_stem = vec![false; self.places.len()];
         stem_way.iter().filter_map(|index| self.place(mask, *index)).for_each(|place| on_stem[place] = true);
         let stem = |index: usize| self.place(mask, index).is_some_and(|place| on_stem[place]);
         let near_stem = |section: &Section| {
@@ -267,6 +332,22 @@ impl Ways {
         }
         true
     }
+}
+
+/// How far the border of a blob is from each place of its [`Ways`], pixels.
+fn depth_px(mask: &Mask, label: u16, [x0, y0, x1, y1]: [usize; 4]) -> Vec<f32> {
+    let columns = x1 - x0 + 2;
+    let mut twelfths = vec![0_u32; columns * (y1 - y0 + 2)];
+    let within = |u: usize, v: usize| u > 0 && v > 0 && u <= mask.width && v <= mask.height;
+    for (row, v) in twelfths.chunks_mut(columns).zip(y0..) {
+        for (twelfths, u) in row.iter_mut().zip(x0..) {
+            // Beyond the image the blob may go on. Far, but some steps more are no overflow.
+            let of_it = !within(u, v) || mask.blobs.of[(v - 1) * mask.width + u - 1] == label;
+            *twelfths = if of_it { u32::MAX / 2 } else { 0 };
+        }
+    }
+    chamfer::spread(&mut twelfths, columns);
+    twelfths.into_iter().map(|twelfths| twelfths as f32 / 12.0).collect()
 }
 
 /// Puts sections along a way before the first one of a leaf.

@@ -1,7 +1,10 @@
 //! Blades that grow from one base: where it is, and their way to it through what they share.
 
+use std::ops::Range;
+
 use glam::{Mat2, Vec2};
 
+use super::components;
 use super::hand;
 use super::mask::{self, Mask};
 use super::ray::Ray;
@@ -37,6 +40,10 @@ const MOST_GROWTH: f32 = 3.0;
 /// Blades that must lead to a hub, each counting less the farther it misses it.
 const LEAST_SUPPORT: f32 = 1.3;
 
+/// More than this are clutter: the longest are looked at. All pairs may meet in a base, and all others may
+/// lead there.
+const MOST_BLADES: usize = 64;
+
 /// Leads the ribbons that grow from one base down to it: to a base that is seen, or into the hand that
 /// grips them, where they end.
 pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams) {
@@ -44,7 +51,7 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
     let ground = if mask.hand.contains(&true) {
         Ground::Hand(hand::chamfer(mask, |index| mask.hand[index]))
     } else {
-        Ground::Lowest(lowest(mask, params.down))
+        Ground::Lowest(Lowest::of(mask, params.down))
     };
     while let Some(hub) = hub(mask, ribbons, &blades, &ground, params.down) {
         let before = blades.len();
@@ -77,7 +84,7 @@ pub(super) fn share(mask: &Mask, ribbons: &[Ribbon], label: u16, params: &Ribbon
     let on_blob =
         |blade: &Blade| mask.index_at(blade.ray.from).is_some_and(|index| mask.blobs.of[index] == label);
     let blades = longest_first(ribbons.iter().enumerate().filter_map(blade).filter(on_blob));
-    let ground = Ground::Lowest(lowest(mask, params.down));
+    let ground = Ground::Lowest(Lowest::of(mask, params.down));
     let hub = hub(mask, ribbons, &blades, &ground, params.down);
     // What runs where a longer one does shares more with it than a base.
     let own = || blades.iter().filter(|blade| !blade.echo);
@@ -89,6 +96,7 @@ pub(super) fn share(mask: &Mask, ribbons: &[Ribbon], label: u16, params: &Ribbon
 fn longest_first(blades: impl Iterator<Item = Blade>) -> Vec<Blade> {
     let mut blades: Vec<Blade> = blades.collect();
     blades.sort_by_key(|blade| std::cmp::Reverse(blade.ray.length));
+    blades.truncate(MOST_BLADES);
     for i in 0..blades.len() {
         blades[i].echo = blades[..i].iter().any(|longer| longer.is_echoed_by(&blades[i]));
     }
@@ -97,8 +105,8 @@ fn longest_first(blades: impl Iterator<Item = Blade>) -> Vec<Blade> {
 
 /// What blades can grow from.
 enum Ground {
-    /// The lower end of what is connected: how far down it reaches from each pixel, pixels.
-    Lowest(Vec<f32>),
+    /// The lower end of what is connected.
+    Lowest(Lowest),
     /// A hand: how far each pixel is from one, twelfths of a pixel.
     Hand(Vec<u32>),
 }
@@ -109,7 +117,9 @@ impl Ground {
             Self::Lowest(lowest) => {
                 let bottom = bottom(point).filter(|bottom| bottom.distance(point) < 25.0);
                 let index = bottom.and_then(|bottom| mask.index_at(bottom));
-                index.is_some_and(|index| lowest[index] - point.dot(down) < 25.0)
+                index.is_some_and(|index| {
+                    lowest.at(mask, index).is_none_or(|lowest| lowest - point.dot(down) < 25.0)
+                })
             }
             Self::Hand(from_hand) => is_beside(mask, point, from_hand, 20),
         }
@@ -144,18 +154,40 @@ fn lead_into_hand(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub, fr
     true
 }
 
-/// For each pixel how far down what is connected to it reaches, pixels; shadows without readings
-/// connect.
-fn lowest(mask: &Mask, down: Vec2) -> Vec<f32> {
-    let occupied = |index: usize| mask.blobs.of[index] != 0 || mask.occupancy[index] >= 0.5;
-    let all = mask::components(mask, |index| occupied(index) || mask.unseen[index], |_, _| true);
-    let mut lowest = vec![f32::MIN; mask.depth_m.len()];
-    for pixels in all {
-        let held = || pixels.iter().map(|index| *index as usize).filter(|index| occupied(*index));
-        let bottom = held().map(|index| mask.pixel(index).dot(down)).fold(f32::MIN, f32::max);
-        held().for_each(|index| lowest[index] = bottom);
+/// How far down what is connected to a pixel reaches; shadows without readings connect.
+struct Lowest {
+    /// Runs of connected pixels, ascending, each with how far down what it is a part of reaches, pixels.
+    runs: Vec<(Range<usize>, f32)>,
+}
+
+impl Lowest {
+    fn of(mask: &Mask, down: Vec2) -> Self {
+        let all = components::find(mask, |index| is_held(mask, index) || mask.unseen[index], |_, _| true);
+        let mut runs = Vec::new();
+        for component in all {
+            let bottom_of = |run: Range<usize>| {
+                // Along a row it is one of the outermost ones.
+                let mut held = run.filter(|index| is_held(mask, *index));
+                let (first, last) = (held.next(), held.next_back());
+                let down = |index| mask.pixel(index).dot(down);
+                first.map_or(f32::MIN, down).max(last.map_or(f32::MIN, down))
+            };
+            let bottom = component.runs().map(bottom_of).fold(f32::MIN, f32::max);
+            runs.extend(component.runs().map(|run| (run, bottom)));
+        }
+        runs.sort_unstable_by_key(|(run, _)| run.start);
+        Self { runs }
     }
-    lowest
+
+    /// How far down it reaches from a pixel, pixels; `None` where nothing is held.
+    fn at(&self, mask: &Mask, index: usize) -> Option<f32> {
+        let (run, bottom) = self.runs[..self.runs.partition_point(|(run, _)| run.start <= index)].last()?;
+        (run.contains(&index) && is_held(mask, index)).then_some(*bottom)
+    }
+}
+
+fn is_held(mask: &Mask, index: usize) -> bool {
+    mask.blobs.of[index] != 0 || mask.occupancy[index] >= mask::BODY_OCCUPANCY
 }
 
 fn blade((index, ribbon): (usize, &Ribbon)) -> Option<Blade> {

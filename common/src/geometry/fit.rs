@@ -22,6 +22,34 @@ impl Parabola {
         }
     }
 
+    /// Moves all samples so far to `s + by`.
+    ///
+    /// ```
+    /// let mut fit = common::geometry::fit::Parabola::default();
+    /// [1.0, 2.0, 3.0, 4.0].map(|s| fit.add(s, s * s, 1.0));
+    /// fit.shift(-4.0);
+    /// let [a, b, c] = fit.solve(2, 0.0).expect("four samples");
+    /// assert!((a - 16.0).abs() + (b - 8.0).abs() + (c - 1.0).abs() < 1e-9);
+    /// ```
+    pub fn shift(&mut self, by: f64) {
+        // Binomial sums, as Pascal's triangle makes them.
+        for first in 1..5 {
+            for k in (first..5).rev() {
+                self.powers[k] += by * self.powers[k - 1];
+            }
+        }
+        for first in 1..3 {
+            for k in (first..3).rev() {
+                self.values[k] += by * self.values[k - 1];
+            }
+        }
+    }
+
+    /// Multiplies the weights of all samples so far.
+    pub fn scale(&mut self, factor: f64) {
+        self.powers.iter_mut().chain(&mut self.values).for_each(|sum| *sum *= factor);
+    }
+
     /// The coefficients of 1, s and s² of the best polynomial of `degree` (0..=2); `None` where the
     /// samples do not determine it. `ridge` ≥ 0 holds the coefficient of s² back: it is what its
     /// square costs beside the mean square error.

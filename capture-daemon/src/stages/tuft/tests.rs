@@ -7,7 +7,7 @@ use crate::stages::section::{Fold, Measured, Middle};
 const DEPTH_M: f32 = 0.5;
 
 /// A mask with one blob: columns and rows, half open.
-fn mask(columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> Mask {
+fn mask(columns: Range<usize>, rows: Range<usize>) -> Mask {
     let (width, height) = (300, 260);
     let seen = [columns.start, rows.start, columns.end, rows.end];
     let is_inside = |i: usize| columns.contains(&(i % width)) && rows.contains(&(i / width));
@@ -70,7 +70,7 @@ fn a_base_that_no_blade_leads_to_ends_the_gathering() {
     let mut ribbons = [60.0, 240.0].map(|x| ribbon(Vec2::new(x, 196.0), meet));
     let blades: Vec<Blade> = ribbons.iter().enumerate().filter_map(blade).collect();
     let params = RibbonParams::default();
-    let ground = Ground::Lowest(lowest(&mask, params.down));
+    let ground = Ground::Lowest(Lowest::of(&mask, params.down));
     let hub = hub(&mask, &ribbons, &blades, &ground, params.down).expect("they lead to a base");
     assert!(blades.iter().all(|blade| blade.leads_to(meet) > 0.9));
     assert!(blades.iter().all(|blade| blade.leads_to(hub.at) == 0.0), "{}", hub.at);

@@ -1,0 +1,84 @@
+//! How a ribbon that is followed goes on.
+
+use common::geometry::fit::Parabola;
+use glam::Vec2;
+
+use super::ribbon::Section;
+use super::section::{Expected, Fold};
+
+/// Parabolas and lines through the sections so far, of which each counts less the farther it is back. What
+/// comes next lies at 0 of them, the last section at −1.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Trend {
+    x: Parabola,
+    y: Parabola,
+    half: Parabola,
+    depth: Parabola,
+    slope: Parabola,
+    /// Half of the width of the last section that says something about the midrib, pixels.
+    known_px: f32,
+}
+
+/// How far back a section counts, pixels.
+const MEMORY_PX: f64 = 24.0;
+/// What is farther back than this is as good as forgotten.
+const WINDOW: usize = 80;
+
+impl Trend {
+    /// Of the sections so far, about a pixel apart. O(1).
+    pub(super) fn of(sections: &[Section]) -> Self {
+        let recent = &sections[sections.len().saturating_sub(WINDOW)..];
+        let known_px = recent.last().map_or(0.0, |last| last.expected.half_px);
+        let mut trend = Self { known_px, ..Self::default() };
+        recent.iter().for_each(|section| trend.push(section));
+        trend
+    }
+
+    /// Goes on to the next section. O(1).
+    pub(super) fn push(&mut self, section: &Section) {
+        let weight = f64::from(section.weight());
+        let mid = section.middle();
+        self.x.add(0.0, mid.x.into(), weight);
+        self.y.add(0.0, mid.y.into(), weight);
+        if section.edges_seen() == 2 {
+            self.half.add(0.0, section.expected.half_px.into(), weight);
+        }
+        if let Some(depth) = section.measured.depth_m {
+            self.depth.add(0.0, depth.into(), f64::from(section.measured.readings));
+        }
+        self.slope.add(0.0, section.expected.slope_m.into(), 1.0);
+        if weight > 0.0 {
+            self.known_px = section.expected.half_px;
+        }
+        let remembered = (-1.0 / MEMORY_PX).exp();
+        for fit in [&mut self.x, &mut self.y, &mut self.half, &mut self.depth, &mut self.slope] {
+            fit.scale(remembered);
+            fit.shift(-1.0);
+        }
+    }
+
+    /// What is expected a pixel beyond the `last` section. How far an edge and a reading may be off is taken
+    /// over from it.
+    pub(super) fn next(&self, last: &Expected) -> Expected {
+        let along = Vec2::new(last.across.y, -last.across.x);
+        // A curvature of 1/100 px has to be worth its readings.
+        let curve = |fit: &Parabola| fit.solve(2, 200.0);
+        let (mid, direction) = match (curve(&self.x), curve(&self.y)) {
+            (Some(x), Some(y)) => (Vec2::new(x[0] as f32, y[0] as f32), Vec2::new(x[1] as f32, y[1] as f32)),
+            _ => (last.mid + along, along),
+        };
+        let direction = direction.normalize_or(along);
+        let value = |fit: Option<[f64; 3]>, fallback: f32| fit.map_or(fallback, |fit| fit[0] as f32);
+        let half_px = value(self.half.solve(1, 0.0), self.known_px);
+        let half_px = half_px.clamp(0.6 * self.known_px, 1.25 * self.known_px).max(0.5);
+        Expected {
+            mid,
+            across: Vec2::new(-direction.y, direction.x),
+            half_px,
+            fold: Fold { at_px: last.fold.at_px * half_px / last.half_px, ..last.fold },
+            depth_m: value(curve(&self.depth), last.depth_m),
+            slope_m: value(self.slope.solve(0, 0.0), last.slope_m),
+            ..*last
+        }
+    }
+}
