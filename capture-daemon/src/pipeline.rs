@@ -76,7 +76,7 @@ pub fn capture(
     let mut ribbons = ribbon::grow(&mask, &parts, &fields, &following);
     crease::find(&mask, &mut ribbons, focal_px);
     let (traced, skeletons): (Vec<&Ribbon>, Vec<Skeleton>) =
-        ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon)?))).unzip();
+        ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon, camera)?))).unzip();
     let lifted: Vec<Lifted> = skeletons.iter().map(|skeleton| lift::lift(&mask, skeleton, camera)).collect();
 
     let window_m = [params.mask.near_m as f32, params.mask.far_m as f32];

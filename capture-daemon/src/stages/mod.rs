@@ -4,6 +4,7 @@
 //! bits.
 
 pub mod accumulate;
+mod bend;
 pub mod blade;
 pub mod blob;
 mod buckets;

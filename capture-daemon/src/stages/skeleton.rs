@@ -4,9 +4,11 @@
 use common::geometry::{polyline, smooth};
 use glam::Vec2;
 
+use super::bend::Bend;
 use super::mask::Mask;
 use super::ribbon::{End, Ribbon, Section};
 use super::section::Expected;
+use crate::frame::CameraModel;
 
 /// Stations of a skeleton: the raw skeleton that refinement starts from.
 pub const STATIONS: usize = 128;
@@ -49,21 +51,23 @@ const WIDTH_WAVELENGTH_PX: f64 = 16.0;
 /// # Source
 /// Fan & Sheng §4.3 (matching symmetric points). Departures: true cross-sections of a midrib that
 /// was fitted to them, widths as summed occupancy, which is right below a pixel.
-pub fn trace(mask: &Mask, ribbon: &Ribbon) -> Option<Skeleton> {
+pub fn trace(mask: &Mask, ribbon: &Ribbon, camera: &CameraModel) -> Option<Skeleton> {
     let mut sections = ribbon.sections.clone();
     if sections.len() < 8 {
         return None;
     }
+    let mut bend = Bend::fit(&mut sections, camera);
     let last = sections.len() - 1;
     let tip = (ribbon.tip == End::Free).then(|| end(mask, &sections, last, -1));
     let root = (ribbon.root == End::Free).then(|| end(mask, &sections, 0, 1));
     // Beside a blunt end the cross-sections lean into its corners: it is carried on straight.
-    if let Some(tip) = tip.as_ref().filter(|tip| !tip.pointed) {
-        sections.truncate(sections.len() - tip.back);
+    let back = |end: &Option<Found>| end.as_ref().filter(|end| !end.pointed).map_or(0, |end| end.back);
+    let (at_root, at_tip) = (back(&root), back(&tip));
+    if let Some(bend) = &mut bend {
+        bend.cut(at_root, at_tip);
     }
-    if let Some(root) = root.as_ref().filter(|root| !root.pointed) {
-        sections.drain(..root.back);
-    }
+    sections.truncate(sections.len() - at_tip);
+    sections.drain(..at_root);
     let beyond = |end: &Found| if end.pointed { end.length - end.back as f32 } else { end.length };
     let ends = Ends {
         root: root.as_ref().map_or(0.0, |end| -beyond(end)),
@@ -71,7 +75,7 @@ pub fn trace(mask: &Mask, ribbon: &Ribbon) -> Option<Skeleton> {
         pointed_root: root.is_some_and(|end| end.pointed),
         pointed_tip: tip.is_some_and(|end| end.pointed),
     };
-    (sections.len() >= 8).then(|| finished(&sections, &ends))
+    (sections.len() >= 8).then(|| finished(&sections, &ends, bend.as_ref()))
 }
 
 /// Where root and tip are, in sections from the first, which may lie outside of them.
@@ -154,7 +158,7 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
 /// Sections whose direction is that of what is carried on beyond a blunt end.
 const BLUNT_REACH: usize = 12;
 
-fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
+fn finished(sections: &[Section], ends: &Ends, bend: Option<&Bend>) -> Skeleton {
     let n = sections.len();
     // Sections within this many of an end are cut off by it and say little about the width.
     let lean = 2.0;
@@ -197,13 +201,28 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     let (near_root, near_tip) = (reach(ends.pointed_root), reach(ends.pointed_tip));
     let root_step = Place { mid: step(0, near_root).mid, ..step(0, 8.min(n - 1)) };
     let tip_step = Place { mid: step(n - 1, n - 1 - near_tip).mid, ..step(n - 1, n.saturating_sub(9)) };
+    // Where it was fitted, depth goes on beyond an end as it bends.
+    let way = |from: Place, step: Place, count: f32| {
+        (0..=count.max(0.0).ceil() as usize + 1).map(move |k| from.carried_on(&step, k as f32).mid)
+    };
+    let before = bend.map(|bend| bend.before(way(places[0], root_step, -ends.root)));
+    let beyond = bend.map(|bend| bend.beyond(way(places[n - 1], tip_step, ends.tip - (n - 1) as f32)));
+    let carried = |from: &Place, step: &Place, depths: &Option<Vec<f32>>, count: f32| {
+        let mut place = from.carried_on(step, count);
+        if let Some(depths) = depths {
+            let k = (count as usize).min(depths.len() - 2);
+            let deeper = depths[k] + (depths[k + 1] - depths[k]) * (count - k as f32) - depths[0];
+            place.depth_m = from.depth_m + deeper;
+        }
+        place
+    };
     let place = |i: f32| {
         let (first, last) = (&places[0], &places[n - 1]);
-        let beyond = i - (n - 1) as f32;
+        let on = i - (n - 1) as f32;
         if i < 0.0 {
-            first.carried_on(&root_step, -i)
-        } else if beyond > 0.0 {
-            last.carried_on(&tip_step, beyond)
+            carried(first, &root_step, &before, -i)
+        } else if on > 0.0 {
+            carried(last, &tip_step, &beyond, on)
         } else {
             let k = (i as usize).min(n - 2);
             places[k].between(&places[k + 1], i - k as f32)
