@@ -72,8 +72,10 @@ pub fn trace(mask: &Mask, ribbon: &Ribbon, camera: &CameraModel) -> Option<Skele
     let ends = Ends {
         root: root.as_ref().map_or(0.0, |end| -beyond(end)),
         tip: (sections.len() - 1) as f32 + tip.as_ref().map_or(0.0, beyond),
-        pointed_root: root.is_some_and(|end| end.pointed),
-        pointed_tip: tip.is_some_and(|end| end.pointed),
+        pointed_root: root.as_ref().is_some_and(|end| end.pointed),
+        pointed_tip: tip.as_ref().is_some_and(|end| end.pointed),
+        widths_to_root: root.map_or_else(Vec::new, |end| end.widths),
+        widths_to_tip: tip.map_or_else(Vec::new, |end| end.widths),
     };
     (sections.len() >= 8).then(|| finished(&sections, &ends, bend.as_ref()))
 }
@@ -85,6 +87,21 @@ struct Ends {
     /// Whether the blade narrows to a point there.
     pointed_root: bool,
     pointed_tip: bool,
+    /// Widths beyond the sections, [`Found::widths`].
+    widths_to_root: Vec<f32>,
+    widths_to_tip: Vec<f32>,
+}
+
+impl Ends {
+    /// The width measured beyond the first or the last of `n` sections, where section `i` would be, and what
+    /// it counts: where the end takes a part of it, it goes on about as it was.
+    fn width_beyond(&self, i: isize, n: usize) -> Option<(f32, f64)> {
+        let (widths, away) =
+            if i < 0 { (&self.widths_to_root, -i) } else { (&self.widths_to_tip, i - (n as isize - 1)) };
+        let after = usize::try_from(away).ok().filter(|after| *after > 0)?;
+        let last = *widths.last()?;
+        Some(widths.get(after).map_or((last, 0.1), |width| (0.5 * (widths[after - 1] + width), 1.0)))
+    }
 }
 
 struct Found {
@@ -94,6 +111,9 @@ struct Found {
     length: f32,
     /// Whether the blade narrows to a point there; else it ends across.
     pointed: bool,
+    /// Of an end across: its width from half a pixel beyond that section on, a pixel apart, up to where the
+    /// end takes a part of it; pixels.
+    widths: Vec<f32>,
 }
 
 /// Carries a blade on past section `last` (whose neighbours lie in direction `inward`), straight, and
@@ -106,7 +126,7 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
         &sections[last.saturating_add_signed(inward * k as isize).min(sections.len() - 1)].expected
     };
     let wide = at(BACK).half_px + 3.0;
-    let back = BACK.max(wide as usize).min((sections.len() - 1) / 4);
+    let back = BACK.max(wide as usize).max(curl(&at, sections.len())).min((sections.len() - 1) / 4);
     // The straight line through the last sound sections; the very last ones lean.
     let base = at(back);
     let outward = (base.mid - at(back * 3).mid).normalize_or(base.mid - at(back + 1).mid);
@@ -152,7 +172,27 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
     let blunt = !long || (led(length) > (0.4 * width).max(2.0) && across_it);
     let length = if blunt { length } else { 2.0 * even };
     // No end lies far beyond the last reading of it.
-    Found { back, length: length.min(widths.len() as f32 + 0.4 * width), pointed: !blunt }
+    let length = length.min(widths.len() as f32 + 0.4 * width);
+    // What is wider has run into something else.
+    let alone =
+        widths.iter().enumerate().take_while(|(k, it)| **it < 1.1 * led(*k as f32 + 0.5) + 1.0).count();
+    let whole = shares.iter().take(alone).take_while(|share| **share > 0.93).count().saturating_sub(2);
+    widths.truncate(if blunt { whole } else { 0 });
+    Found { back, length, pointed: !blunt, widths }
+}
+
+/// Sections at an end that turn into its corner more tightly than a blade bends. `at`: sections from the
+/// end inward, of which there are `count`.
+fn curl<'a>(at: &impl Fn(usize) -> &'a Expected, count: usize) -> usize {
+    const APART: usize = 4;
+    /// Turn over half of the width, radians ([`super::margin::Margins::turning`]).
+    const TIGHT: f32 = 0.2;
+    let reach = (4.0 * at(count / 4).half_px) as usize;
+    let tight = |k: &usize| {
+        let turn = at(*k).across.angle_to(at(k + APART).across).abs() / APART as f32;
+        turn * at(k + APART).half_px > TIGHT
+    };
+    (0..reach.min(count / 4)).rev().find(tight).map_or(0, |k| k + APART)
 }
 
 /// Sections whose direction is that of what is carried on beyond a blunt end.
@@ -184,7 +224,10 @@ fn finished(sections: &[Section], ends: &Ends, bend: Option<&Bend>) -> Skeleton 
                         seen.unwrap_or(section.expected.half_px) + crease * section.expected.fold.at_px;
                     (value, if seen.is_some() { 1.0 } else { 0.01 })
                 }
-                None => (0.0, 0.0),
+                None => ends.width_beyond(i, n).map_or((0.0, 0.0), |(width, weight)| {
+                    let nearest = &sections[if i < 0 { 0 } else { n - 1 }].expected;
+                    (0.5 * width + crease * nearest.fold.at_px, weight)
+                }),
             };
             values.push(f64::from(value));
             weights.push(weight);

@@ -1,0 +1,4 @@
+//! What the stages make of scenes that are painted by hand.
+
+mod painter;
+mod roots;
