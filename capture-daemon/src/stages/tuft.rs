@@ -46,19 +46,14 @@ const MOST_BLADES: usize = 64;
 
 /// Leads the ribbons that grow from one base down to it: to a base that is seen, or into the hand that
 /// grips them, where they end.
-pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams) {
+pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], ground: &Ground, params: &RibbonParams) {
     let mut blades = longest_first(ribbons.iter().enumerate().filter_map(blade));
-    let ground = if mask.hand.contains(&true) {
-        Ground::Hand(hand::chamfer(mask, |index| mask.hand[index]))
-    } else {
-        Ground::Lowest(Lowest::of(mask, params.down))
-    };
-    while let Some(hub) = hub(mask, ribbons, &blades, &ground, params.down) {
+    while let Some(hub) = hub(mask, ribbons, &blades, ground, params.down) {
         let before = blades.len();
         blades.retain(|blade| {
             let ribbon = &mut ribbons[blade.ribbon];
             let led = hub.is_reached_by(&blade.ray)
-                && match &ground {
+                && match ground {
                     Ground::Lowest(_) => lead(mask, ribbon, blade, &hub),
                     Ground::Hand(from_hand) => lead_into_hand(mask, ribbon, blade, &hub, from_hand),
                 };
@@ -69,7 +64,7 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
             break;
         }
     }
-    if let Ground::Hand(from_hand) = &ground {
+    if let Ground::Hand(from_hand) = ground {
         // Those that lead to no common grip are gripped where they lead to.
         for blade in &blades {
             if let Some(hub) = blade.grip(mask) {
@@ -80,12 +75,17 @@ pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
 }
 
 /// The share of the blades on a blob that lead to one base, each counting less the farther it misses it.
-pub(super) fn share(mask: &Mask, ribbons: &[Ribbon], label: u16, params: &RibbonParams) -> f32 {
+pub(super) fn share(
+    mask: &Mask,
+    ribbons: &[Ribbon],
+    label: u16,
+    ground: &Ground,
+    params: &RibbonParams,
+) -> f32 {
     let on_blob =
         |blade: &Blade| mask.index_at(blade.ray.from).is_some_and(|index| mask.blobs.of[index] == label);
     let blades = longest_first(ribbons.iter().enumerate().filter_map(blade).filter(on_blob));
-    let ground = Ground::Lowest(Lowest::of(mask, params.down));
-    let hub = hub(mask, ribbons, &blades, &ground, params.down);
+    let hub = hub(mask, ribbons, &blades, ground, params.down);
     // What runs where a longer one does shares more with it than a base.
     let own = || blades.iter().filter(|blade| !blade.echo);
     let leading = |hub: Hub| own().map(|blade| blade.leads_to(hub.at)).sum::<f32>();
@@ -104,7 +104,7 @@ fn longest_first(blades: impl Iterator<Item = Blade>) -> Vec<Blade> {
 }
 
 /// What blades can grow from.
-enum Ground {
+pub(super) enum Ground {
     /// The lower end of what is connected.
     Lowest(Lowest),
     /// A hand: how far each pixel is from one, twelfths of a pixel.
@@ -112,6 +112,14 @@ enum Ground {
 }
 
 impl Ground {
+    pub(super) fn of(mask: &Mask, down: Vec2) -> Self {
+        if mask.has_hand() {
+            Self::Hand(hand::chamfer(mask, |index| mask.is_hand(index)))
+        } else {
+            Self::Lowest(Lowest::of(mask, down))
+        }
+    }
+
     fn has(&self, mask: &Mask, point: Vec2, bottom: impl Fn(Vec2) -> Option<Vec2>, down: Vec2) -> bool {
         match self {
             Self::Lowest(lowest) => {
@@ -144,7 +152,7 @@ fn lead_into_hand(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub, fr
         return false;
     }
     let in_hand =
-        |section: &Section| mask.index_at(section.expected.mid).is_some_and(|index| mask.hand[index]);
+        |section: &Section| mask.index_at(section.expected.mid).is_some_and(|index| mask.is_hand(index));
     let gripped = ribbon.sections.iter().rposition(in_hand).map_or(0, |last| last + 1);
     if gripped + 8 > ribbon.sections.len() {
         *ribbon = before;
@@ -155,7 +163,7 @@ fn lead_into_hand(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub, fr
 }
 
 /// How far down what is connected to a pixel reaches; shadows without readings connect.
-struct Lowest {
+pub(super) struct Lowest {
     /// Runs of connected pixels, ascending, each with how far down what it is a part of reaches, pixels.
     runs: Vec<(Range<usize>, f32)>,
 }
@@ -224,7 +232,7 @@ impl Blade {
         const DEEP_PX: f32 = 10.0;
         let ray = &self.ray;
         let farthest = (1.5 * ray.length as f32) as usize;
-        let in_hand = |at: &Vec2| mask.index_at(*at).is_some_and(|index| mask.hand[index]);
+        let in_hand = |at: &Vec2| mask.index_at(*at).is_some_and(|index| mask.is_hand(index));
         let first = (1..farthest).map(|k| ray.from + ray.along * k as f32).find(in_hand)?;
         let at = first + ray.along * DEEP_PX;
         Some(Hub { at, depth_m: ray.depth_at(at) })

@@ -76,7 +76,7 @@ fn a_base_that_no_blade_leads_to_ends_the_gathering() {
     assert!(blades.iter().all(|blade| blade.leads_to(hub.at) == 0.0), "{}", hub.at);
 
     let before = ribbons.clone();
-    gather(&mask, &mut ribbons, &params);
+    gather(&mask, &mut ribbons, &ground, &params);
     assert!(ribbons.iter().zip(&before).all(|(ribbon, before)| ribbon.sections == before.sections));
     assert!(ribbons.iter().all(|ribbon| ribbon.root == End::Free), "none is led over nothing");
 }
