@@ -387,7 +387,15 @@ fn label_pieces(mask: &mut Mask, accumulation: &Accumulation) -> Vec<Component> 
         f32::INFINITY
     };
     let mut clean = vec![false; mask.seen[3] * mask.width];
-    on_blob().zip(&spreads).for_each(|(index, spread)| clean[index] = *spread <= limit);
+    // What lies beside a step is of no piece, so that outlines run along steps that end within a piece. In
+    // a single frame noise makes such steps too.
+    let (noisy, end) = (mask.frames < 4, clean.len());
+    let level = |index: usize, next: usize| {
+        let alike = noisy || next >= end || mask.blobs.of[next] != mask.blobs.of[index];
+        alike || (mask.depth_m[index] - mask.depth_m[next]).abs() <= step
+    };
+    let even = |index: usize| level(index, index + 1) && level(index, index + mask.width);
+    on_blob().zip(&spreads).for_each(|(index, spread)| clean[index] = *spread <= limit && even(index));
     let clean = |index: usize| clean[index];
     let same = |a: usize, b: usize| {
         mask.blobs.of[a] == mask.blobs.of[b] && (mask.depth_m[a] - mask.depth_m[b]).abs() <= step
