@@ -397,10 +397,20 @@ fn label_pieces(mask: &mut Mask, bodies: &[Component], accumulation: &Accumulati
     } else {
         f32::INFINITY
     };
-    let mut clean = vec![false; mask.seen[3] * mask.width];
+    let clean_end = mask.seen[3] * mask.width;
+    let mut clean = vec![false; clean_end];
+    // What lies beside a step is of no piece, so that outlines run along steps that end within a piece. In
+    // a single frame noise makes such steps too.
+    let noisy = mask.frames < 4;
+    let level = |index: usize, next: usize| {
+        let alike = noisy || next >= clean_end || mask.blobs.of[next] != mask.blobs.of[index];
+        alike || (mask.depth_m[index] - mask.depth_m[next]).abs() <= step
+    };
     let mut variances = variances.iter();
     for run in on_blob() {
-        clean[run].iter_mut().zip(&mut variances).for_each(|(clean, variance)| *clean = *variance <= limit);
+        for (index, variance) in run.zip(&mut variances) {
+            clean[index] = *variance <= limit && level(index, index + 1) && level(index, index + mask.width);
+        }
     }
     let clean = |index: usize| clean[index];
     let same = |a: usize, b: usize| {

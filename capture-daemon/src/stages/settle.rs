@@ -15,7 +15,12 @@ const SLOPE_WINDOW_PX: f32 = 9.0;
 
 /// Smooths a ribbon over its whole length and measures it anew.
 pub(super) fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
-    let widest = sections.iter().filter(|s| s.edges_seen() == 2).map(measured_half).fold(0.5, f64::max);
+    // What is guided may be widest where it is hidden; the edges of a single frame do not tell how wide.
+    let known = |s: &Section| match s.guide_px {
+        Some(half_px) if mask.frames >= 4 => Some(f64::from(half_px)),
+        _ => (s.edges_seen() == 2).then(|| measured_half(s)),
+    };
+    let widest = sections.iter().filter_map(known).fold(0.5, f64::max);
     smooth_and_measure(mask, sections, wavelength_px, widest, 0.0);
 }
 
