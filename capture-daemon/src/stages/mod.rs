@@ -19,6 +19,7 @@ pub mod lift;
 pub mod margin;
 pub mod mask;
 mod motion;
+pub mod outside;
 pub mod partition;
 pub mod presence;
 mod ray;
