@@ -11,6 +11,7 @@ mod chamfer;
 mod components;
 pub mod confidence;
 pub mod contour;
+pub mod cover;
 pub mod crease;
 mod crossing;
 pub mod hand;
