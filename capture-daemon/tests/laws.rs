@@ -315,7 +315,7 @@ fn from_border(polygon: &[Vec2], point: Vec2) -> f32 {
 }
 
 proptest! {
-    #![proptest_config(config(20))]
+    #![proptest_config(config(32))]
 
     #[test]
     fn what_is_shifted_gives_the_same_blades(

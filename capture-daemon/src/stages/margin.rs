@@ -33,10 +33,7 @@ pub struct Margins {
 
 impl Margins {
     /// How little an outline is that of a blade, from 0: the sum of the squares of what is odd about it,
-    /// each over what blades hardly show. Blades of the synthetic families are below 1.4, nearly all below 0.5;
-    /// leaves of a real sorghum in single frames are below 1.8, but for one at the end of the depth window
-    /// with 2.37; ragged stretches of dense crops are seldom below 2.4. The less there is of an
-    /// outline (`length_px`: of the midrib; `aspect`: length over width), the better it has to be.
+    /// each over what blades hardly show. The less there is of an outline (`length_px`: of the midrib; `aspect`: length over width), the better it has to be.
     pub fn oddity(&self, length_px: f32, aspect: f32) -> f32 {
         self.oddity_but(self.cut, length_px, aspect)
     }
