@@ -85,7 +85,7 @@ pub struct Watch {
 
 impl Watch {
     /// Takes a frame that shows nothing within the window, and tells, once, where something has come to stand
-    /// still since. O(pixels of the region) for one frame in [`EVERY`].
+    /// still since. O(pixels of the region) for one frame in eight.
     pub fn push(&mut self, frame: &DepthFrame, params: &MaskParams) -> Option<Side> {
         let due = self.frames.is_multiple_of(EVERY);
         self.frames = self.frames.wrapping_add(1);
