@@ -7,8 +7,7 @@ use super::ribbon::Section;
 /// A blade's way to its root, fitted to what is seen above.
 ///
 /// A blade of grass is stiffest at its base: its curvature grows from nothing at the root about evenly
-/// towards the tip. Then each coordinate is a + b·s + c·s³ of the distance s from the root, which leads on
-/// several times better than a parabola: of 100 pixels unseen the depth is off by 1.5 mm, not 5.
+/// towards the tip. Then each coordinate is a + b·s + c·s³ of the distance s from the root.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rootward {
     /// Coefficients of 1, s and s³ for x and y, in pixels, and the depth, in metres.

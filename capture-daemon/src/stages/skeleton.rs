@@ -100,7 +100,7 @@ impl Ends {
             if i < 0 { (&self.widths_to_root, -i) } else { (&self.widths_to_tip, i - (n as isize - 1)) };
         let after = usize::try_from(away).ok().filter(|after| *after > 0)?;
         let last = *widths.last()?;
-        Some(widths.get(after).map_or((last, 0.1), |width| (0.5 * (widths[after - 1] + width), 1.0)))
+        Some(widths.get(after + 1).map_or((last, 0.1), |width| (0.5 * (widths[after] + width), 1.0)))
     }
 }
 
@@ -111,8 +111,8 @@ struct Found {
     length: f32,
     /// Whether the blade narrows to a point there; else it ends across.
     pointed: bool,
-    /// Of an end across: its width from half a pixel beyond that section on, a pixel apart, up to where the
-    /// end takes a part of it; pixels.
+    /// Of an end across: its width at that section, half a pixel beyond it and then a pixel apart, up to where
+    /// the end takes a part of it; pixels.
     widths: Vec<f32>,
 }
 
@@ -177,7 +177,12 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
     let alone =
         widths.iter().enumerate().take_while(|(k, it)| **it < 1.1 * led(*k as f32 + 0.5) + 1.0).count();
     let whole = shares.iter().take(alone).take_while(|share| **share > 0.93).count().saturating_sub(2);
-    widths.truncate(if blunt { whole } else { 0 });
+    widths.truncate(whole);
+    if blunt {
+        widths.insert(0, width)
+    } else {
+        widths.clear()
+    }
     Found { back, length, pointed: !blunt, widths }
 }
 

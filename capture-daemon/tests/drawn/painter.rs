@@ -110,14 +110,17 @@ fn paint(scene: &[Painted]) -> Vec<f64> {
     depth
 }
 
+/// Frames that show the wall alone, before the scene is there.
+const EMPTY: usize = 8;
+
 /// What a session at default configuration makes of a scene that stands still: one capture, or none. The
 /// depth of what is painted has noise of 1.2 mm, and 0.2 % of its readings are missing.
 pub(crate) fn capture(scene: &[Painted]) -> Option<Capture> {
     let painted = paint(scene);
     let mut session = Session::new(SessionParams::default());
-    (0..24).find_map(|frame| {
+    (0..48).find_map(|frame| {
         let noisy = |(index, depth_mm): (usize, &f64)| {
-            if *depth_mm == WALL_MM {
+            if *depth_mm == WALL_MM || frame < EMPTY {
                 return WALL_MM as u16;
             }
             if *depth_mm <= 0.0 || random(index, frame, 0) < 0.002 {
