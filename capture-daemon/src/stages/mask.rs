@@ -196,10 +196,15 @@ impl Mask {
         self.hand.get(index) == Some(&true)
     }
 
+    /// The rows of the pixels within [`Self::seen`].
+    pub(super) fn rows_seen(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let ([x0, y0, x1, y1], width) = (self.seen, self.width);
+        (y0..y1).map(move |y| y * width + x0..y * width + x1)
+    }
+
     /// The pixels within [`Self::seen`], row by row.
     pub(super) fn pixels_seen(&self) -> impl Iterator<Item = usize> + use<> {
-        let ([x0, y0, x1, y1], width) = (self.seen, self.width);
-        (y0..y1).flat_map(move |y| y * width + x0..y * width + x1)
+        self.rows_seen().flatten()
     }
 
     /// The centre of a pixel.
@@ -240,8 +245,7 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         blobs: Labels::none(width * height),
         pieces: Labels::none(width * height),
     };
-    let [x0, y0, x1, y1] = mask.seen;
-    for row in (y0..y1).map(|y| y * width + x0..y * width + x1) {
+    for row in mask.rows_seen() {
         for (index, hits) in row.clone().zip(&accumulation.hits[row]).filter(|(_, hits)| **hits > 0) {
             mask.occupancy[index] = f32::from(*hits) / frames;
             mask.depth_m[index] = accumulation.mean_m(index);
@@ -286,11 +290,16 @@ fn bridge_gaps(mask: &mut Mask, longest: usize) {
     };
     // Where a gap begins, for each direction.
     let mut starts: [Vec<usize>; 4] = Default::default();
-    for start in mask.pixels_seen().filter(|start| occupied(*start)) {
-        for (direction, starts) in directions.into_iter().zip(&mut starts) {
-            let next = start.wrapping_add_signed(direction.0 + direction.1 * width as isize);
-            if mask.unseen.get(next) == Some(&true) {
-                starts.push(start);
+    for row in mask.rows_seen() {
+        for (start, occupancy) in row.clone().zip(&mask.occupancy[row]) {
+            if *occupancy < BODY_OCCUPANCY {
+                continue;
+            }
+            for (direction, starts) in directions.into_iter().zip(&mut starts) {
+                let next = start.wrapping_add_signed(direction.0 + direction.1 * width as isize);
+                if mask.unseen.get(next) == Some(&true) {
+                    starts.push(start);
+                }
             }
         }
     }
@@ -359,9 +368,8 @@ fn label_bodies(mask: &mut Mask, min_area_px: usize) -> Vec<Component> {
 /// Noise of the mean depth, metres: from the bend of depth over three neighbouring pixels, whose
 /// variance is 1.5 times that of one pixel. A surface's own curvature is far smaller.
 fn depth_noise_m(mask: &Mask) -> f32 {
-    let ([x0, y0, x1, y1], width) = (mask.seen, mask.width);
     let mut bends: Vec<f32> = Vec::new();
-    for row in (y0..y1).map(|y| y * width + x0..y * width + x1) {
+    for row in mask.rows_seen() {
         let labels = mask.blobs.of[row.clone()].windows(3);
         let alike = labels
             .zip(mask.depth_m[row].windows(3))

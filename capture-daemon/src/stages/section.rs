@@ -336,7 +336,8 @@ impl Expected {
         here: f32,
         against: Option<f32>,
     ) -> f32 {
-        if x.wrapping_add(1) >= mask.width || y.wrapping_add(1) >= mask.height {
+        let [columns, rows] = [mask.width, mask.height].map(|size| size.saturating_sub(1));
+        if x >= columns || y >= rows {
             return 0.0;
         }
         let upper = y * mask.width + x;

@@ -9,7 +9,7 @@ use super::hand;
 use super::mask::{self, Mask};
 use super::ray::Ray;
 use super::ribbon::{End, Ribbon, RibbonParams, Section};
-use super::rootward::Rootward;
+use super::rootward::{Course, Rootward};
 use super::section::Expected;
 
 /// A blade as far as it is sure, seen from its tip.
@@ -18,6 +18,8 @@ struct Blade {
     ribbon: usize,
     /// The end of its sure part.
     ray: Ray,
+    /// What its way to the root is told from.
+    course: Course,
     /// Whether a longer one follows the same blade.
     echo: bool,
 }
@@ -48,7 +50,7 @@ const MOST_BLADES: usize = 64;
 /// grips them, where they end.
 pub(super) fn gather(mask: &Mask, ribbons: &mut [Ribbon], ground: &Ground, params: &RibbonParams) {
     let mut blades = longest_first(ribbons.iter().enumerate().filter_map(blade));
-    while let Some(hub) = hub(mask, ribbons, &blades, ground, params.down) {
+    while let Some(hub) = hub(mask, &blades, ground, params.down) {
         let before = blades.len();
         blades.retain(|blade| {
             let ribbon = &mut ribbons[blade.ribbon];
@@ -85,7 +87,7 @@ pub(super) fn share(
     let on_blob =
         |blade: &Blade| mask.index_at(blade.ray.from).is_some_and(|index| mask.blobs.of[index] == label);
     let blades = longest_first(ribbons.iter().enumerate().filter_map(blade).filter(on_blob));
-    let hub = hub(mask, ribbons, &blades, ground, params.down);
+    let hub = hub(mask, &blades, ground, params.down);
     // What runs where a longer one does shares more with it than a base.
     let own = || blades.iter().filter(|blade| !blade.echo);
     let leading = |hub: Hub| own().map(|blade| blade.leads_to(hub.at)).sum::<f32>();
@@ -199,8 +201,9 @@ fn is_held(mask: &Mask, index: usize) -> bool {
 }
 
 fn blade((index, ribbon): (usize, &Ribbon)) -> Option<Blade> {
-    let ray = Ray::of(ribbon.sections[ribbon.unsure..].iter())?;
-    Some(Blade { ribbon: index, ray, echo: false })
+    let sure = &ribbon.sections[ribbon.unsure..];
+    let ray = Ray::of(sure.iter())?;
+    Some(Blade { ribbon: index, ray, course: Course::of(sure), echo: false })
 }
 
 impl Blade {
@@ -216,13 +219,12 @@ impl Blade {
     }
 
     /// Its way to the place nearest to a point, and how long that is, pixels.
-    fn way_to(&self, ribbon: &Ribbon, point: Vec2) -> Option<(Rootward, f32)> {
-        let sure = &ribbon.sections[ribbon.unsure..];
+    fn way_to(&self, point: Vec2) -> Option<(Rootward, f32)> {
         let mut length = self.ray.to(point).0;
-        let mut way = Rootward::of(sure, length)?;
+        let mut way = Rootward::of(&self.course, length)?;
         for _ in 0..2 {
             length += (point - way.at(0.0).0).dot(way.along());
-            way = Rootward::of(sure, length)?;
+            way = Rootward::of(&self.course, length)?;
         }
         Some((way, length))
     }
@@ -256,7 +258,7 @@ impl Hub {
 }
 
 /// The base that most blades lead to.
-fn hub(mask: &Mask, ribbons: &[Ribbon], blades: &[Blade], ground: &Ground, down: Vec2) -> Option<Hub> {
+fn hub(mask: &Mask, blades: &[Blade], ground: &Ground, down: Vec2) -> Option<Hub> {
     let inside = |point: Vec2| mask.index_at(point).is_some_and(|index| mask.blobs.of[index] != 0);
     // The lower end of what is seen below a point, or a little above it.
     let bottom = |point: Vec2| {
@@ -296,7 +298,7 @@ fn hub(mask: &Mask, ribbons: &[Ribbon], blades: &[Blade], ground: &Ground, down:
             if leads == 0.0 || blade.echo {
                 continue;
             }
-            let Some((way, _)) = blade.way_to(&ribbons[blade.ribbon], at) else { continue };
+            let Some((way, _)) = blade.way_to(at) else { continue };
             let weight = leads / (way.sigma_px.powi(2) + ROOTS_PX * ROOTS_PX);
             let across = way.along().perp();
             let projector = Mat2::from_cols(across * across.x, across * across.y) * weight;
@@ -339,7 +341,7 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
     if ribbon.root == End::Free && ribbon.unsure == 0 && (-BELOW_PX..NEAR_PX).contains(&ahead) {
         return true;
     }
-    let Some((way, length)) = blade.way_to(ribbon, hub.at) else { return false };
+    let Some((way, length)) = blade.way_to(hub.at) else { return false };
     let (root, root_m) = way.at(0.0);
     let of_hub = |sigma: f32, roots: f32| sigma * sigma / (sigma * sigma + roots * roots);
     let beside = way.along().perp();
