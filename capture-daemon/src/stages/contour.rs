@@ -79,12 +79,14 @@ impl Grid<'_> {
         }
     }
 
-    /// The edges where the border passes, ascending, each with the next one along it.
-    fn links(&self) -> Vec<Link> {
+    /// For each edge the next one along the border, `u32::MAX` where the border does not pass; and the edges
+    /// where it does, ascending.
+    fn links(&self) -> (Vec<u32>, Vec<u32>) {
+        let mut next = vec![u32::MAX; 2 * self.columns * self.rows];
         let mut upper = vec![false; self.columns];
         let mut lower = upper.clone();
         let mut mixed = vec![false; self.columns - 1];
-        let mut links = Vec::new();
+        let mut passed = Vec::new();
         for row in 0..self.rows - 1 {
             std::mem::swap(&mut upper, &mut lower);
             self.find_inside(row + 1, &mut lower);
@@ -101,7 +103,10 @@ impl Grid<'_> {
                 let right = self.edge(column + 1, row, true);
                 // From an edge where the border enters the cell to where it leaves, inside to its
                 // right. Corners in the order upper left, upper right, lower right, lower left.
-                let mut link = |from: usize, to: usize| links.push(Link { from, to: Some(to) });
+                let mut link = |from: usize, to: usize| {
+                    next[from] = to as u32;
+                    passed.push(from as u32);
+                };
                 match case {
                     [true, true, true, true] | [false, false, false, false] => {}
                     [true, false, false, false] => link(top, left),
@@ -127,16 +132,9 @@ impl Grid<'_> {
                 }
             }
         }
-        links.sort_unstable_by_key(|link| link.from);
-        links
+        passed.sort_unstable();
+        (next, passed)
     }
-}
-
-/// A step along a border from one edge of the grid to the next.
-struct Link {
-    from: usize,
-    /// `None` once it was followed.
-    to: Option<usize>,
 }
 
 fn outer_border(mask: &Mask, labels: &Labels, region: &Region) -> Option<Outline> {
@@ -149,14 +147,14 @@ fn outer_border(mask: &Mask, labels: &Labels, region: &Region) -> Option<Outline
         columns: x1 - x0 + 2,
         rows: y1 - y0 + 2,
     };
-    let mut links = grid.links();
+    let (mut next, passed) = grid.links();
     let mut longest: Option<(f32, Vec<Vec2>)> = None;
-    for start in 0..links.len() {
+    for start in passed {
         let mut points = Vec::new();
-        let mut at = Some(start);
-        while let Some((link, to)) = at.and_then(|at| Some((at, links[at].to.take()?))) {
-            points.push(grid.crossing(links[link].from));
-            at = links.binary_search_by_key(&to, |link| link.from).ok();
+        let mut edge = start as usize;
+        while next[edge] != u32::MAX {
+            points.push(grid.crossing(edge));
+            edge = std::mem::replace(&mut next[edge], u32::MAX) as usize;
         }
         let area = signed_area(&points);
         if points.len() >= 3 && longest.as_ref().is_none_or(|(largest, _)| area.abs() > *largest) {

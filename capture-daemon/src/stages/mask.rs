@@ -395,6 +395,7 @@ const MIN_PIECE_PX: usize = 24;
 fn label_pieces(mask: &mut Mask, bodies: &[Component], accumulation: &Accumulation) -> Vec<Component> {
     let step = fine_step_m(mask.depth_noise_m);
     // A pixel that showed one surface in some frames and another in others has a mean between both.
+    // It is farther from its mean than this many times what pixels mostly are.
     const MOST: f32 = 2.2;
     let on_blob = || bodies.iter().flat_map(Component::runs);
     let variances: Vec<f32> = on_blob().flatten().map(|index| accumulation.variance(index)).collect();
