@@ -4,6 +4,7 @@ pub mod cli;
 pub mod config;
 mod control;
 pub mod daemon;
+pub mod exchange;
 pub mod explain;
 pub mod frame;
 pub mod pipeline;
