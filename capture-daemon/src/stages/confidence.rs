@@ -132,36 +132,36 @@ impl Evidence {
 
 // Printed by `cargo run --release -p capture-daemon --example calibrate 60`.
 const LENGTH: [f32; FEATURES] = [
-    -6.047, // one
-    0.604,  // ln metres per pixel
-    0.195,  // ln pixels across
-    -0.235, // ln pixels long
-    -0.125, // ln frames
-    0.171,  // ln depth noise over its usual value
-    0.419,  // root shared
-    -1.098, // root lost
-    0.000,  // tip shared or lost
-    0.026,  // root blunt
-    2.583,  // tip blunt
-    2.572,  // share without both edges
-    1.602,  // share hidden or not seen
-    -3.003, // share led to its base
-    0.805,  // steepness
+    -7.022, // one
+    0.541, // ln metres per pixel
+    -0.639, // ln pixels across
+    0.485, // ln pixels long
+    -0.204, // ln frames
+    0.466, // ln depth noise over its usual value
+    0.793, // root shared
+    -0.606, // root lost
+    -0.524, // tip shared or lost
+    1.073, // root blunt
+    3.547, // tip blunt
+    3.307, // share without both edges
+    0.065, // share hidden or not seen
+    -3.036, // share led to its base
+    5.042, // steepness
 ];
 const WIDTH: [f32; FEATURES] = [
-    -7.559, // one
-    1.216,  // ln metres per pixel
-    -0.436, // ln pixels across
-    0.582,  // ln pixels long
-    0.376,  // ln frames
-    1.900,  // ln depth noise over its usual value
-    0.532,  // root shared
-    -2.553, // root lost
-    0.000,  // tip shared or lost
-    -0.512, // root blunt
-    -0.135, // tip blunt
-    6.932,  // share without both edges
-    -1.822, // share hidden or not seen
-    -2.879, // share led to its base
-    2.825,  // steepness
+    -8.616, // one
+    1.724, // ln metres per pixel
+    -0.075, // ln pixels across
+    0.180, // ln pixels long
+    -0.258, // ln frames
+    0.373, // ln depth noise over its usual value
+    0.294, // root shared
+    3.535, // root lost
+    -0.842, // tip shared or lost
+    0.146, // root blunt
+    0.292, // tip blunt
+    3.157, // share without both edges
+    0.654, // share hidden or not seen
+    -0.056, // share led to its base
+    -0.597, // steepness
 ];
