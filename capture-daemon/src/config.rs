@@ -31,6 +31,8 @@ pub struct Config {
     pub blade: BladeConfig,
     /// `[refine]`
     pub refine: RefineConfig,
+    /// `[store]`
+    pub store: StoreConfig,
     /// `[service]`
     pub service: ServiceConfig,
 }
@@ -156,17 +158,40 @@ impl Default for RefineConfig {
     }
 }
 
+/// Where blades are kept.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StoreConfig {
+    /// The state directory; by default `$STATE_DIRECTORY`, which systemd sets, or else
+    /// `/var/lib/sward`.
+    pub directory: Option<PathBuf>,
+}
+
 /// The varlink service.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServiceConfig {
     /// The socket it listens on.
     pub socket: PathBuf,
+    /// The mode of the socket's file: who can connect.
+    pub socket_mode: u32,
+    /// Who may watch: `*`, users, `@groups`.
+    pub watch: Vec<String>,
+    /// Who may change.
+    pub change: Vec<String>,
+    /// Connections at once.
+    pub max_connections: usize,
 }
 
 impl Default for ServiceConfig {
     fn default() -> Self {
-        Self { socket: PathBuf::from("/run/sward/station.sock") }
+        Self {
+            socket: PathBuf::from("/run/sward/station.sock"),
+            socket_mode: 0o660,
+            watch: vec!["*".to_owned()],
+            change: Vec::new(),
+            max_connections: 256,
+        }
     }
 }
 
@@ -275,7 +300,8 @@ impl Document {
             .replace("unknown field", "unknown key")
             .replace("expected f64", "expected a number")
             .replace("expected f32", "expected a number")
-            .replace("expected usize", "expected a whole number, 0 or more");
+            .replace("expected usize", "expected a whole number, 0 or more")
+            .replace("expected u32", "expected a whole number, 0 or more");
         let hint = match &self.origin {
             Origin::Set(_) if error.span().is_some() && !message.contains("unknown key") => {
                 " (--set takes key=value as TOML; text needs quotes: --set 'service.socket=\"/tmp/s\"')"
@@ -318,7 +344,7 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     fn within(key: &'static str, value: f64, range: RangeInclusive<f64>) -> Option<(&'static str, String)> {
         (!range.contains(&value)).then(|| (key, format!("{} to {}", range.start(), range.end())))
     }
-    let Config { source, camera, mask, capture, blade, refine, service } = config;
+    let Config { source, camera, mask, capture, blade, refine, store, service } = config;
     let focal = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0..=100_000.0));
     let centre = |key, value: Option<f64>| value.and_then(|value| within(key, value, -10_000.0..=10_000.0));
     let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
@@ -332,7 +358,19 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     let region = || Some(("mask.roi", "[x0, y0, x1, y1] with x0 < x1 and y0 < y1".to_owned()));
     let order = || Some(("mask.far_m", format!("more than mask.near_m ({})", mask.near_m)));
     let socket = || Some(("service.socket", "the path of a socket".to_owned()));
+    let directory = || Some(("store.directory", "the path of a folder".to_owned()));
+    let no_directory = store.directory.as_ref().is_some_and(|path| path.as_os_str().is_empty());
+    let who = |key, list: &[String]| {
+        let odd = list.iter().any(|entry| entry.is_empty() || entry == "@");
+        odd.then(|| (key, "a list of \"*\", users, and groups with @ before them".to_owned()))
+    };
+    let mode = || Some(("service.socket_mode", "0o000 to 0o777".to_owned()));
     within("source.rate", source.rate, 0.0..=1000.0)
+        .or_else(|| no_directory.then(directory).flatten())
+        .or_else(|| (service.socket_mode > 0o777).then(mode).flatten())
+        .or_else(|| who("service.watch", &service.watch))
+        .or_else(|| who("service.change", &service.change))
+        .or_else(|| within("service.max_connections", service.max_connections as f64, 2.0..=10_000.0))
         .or_else(|| service.socket.as_os_str().is_empty().then(socket).flatten())
         .or_else(|| focal("camera.fx", camera.fx))
         .or_else(|| focal("camera.fy", camera.fy))
@@ -383,6 +421,40 @@ impl Config {
     /// All keys that have a value, as TOML.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("numbers, texts and paths in UTF-8 can be written as TOML")
+    }
+
+    /// Hex of the first 8 bytes of BLAKE3 over the keys that a capture goes by: those of the camera, the
+    /// mask, the hold, the blades and their refinement.
+    pub fn capture_hash(&self) -> String {
+        let Self { camera, mask, capture, blade, refine, .. } = self.clone();
+        let relevant = Self { camera, mask, capture, blade, refine, ..Self::default() };
+        blake3::hash(relevant.to_toml().as_bytes()).to_hex()[..16].to_owned()
+    }
+
+    /// Keys whose values differ between this configuration and `other`, as dotted paths in order.
+    pub fn differences(&self, other: &Self) -> Vec<String> {
+        let [mine, theirs] = [self, other].map(|config| {
+            let table: toml::Table = toml::from_str(&config.to_toml()).expect("it was written as TOML");
+            let mut keys = std::collections::BTreeMap::new();
+            for (name, section) in table {
+                for (key, value) in section.as_table().into_iter().flatten() {
+                    keys.insert(format!("{name}.{key}"), value.to_string());
+                }
+            }
+            keys
+        });
+        let mut keys: Vec<String> = mine.keys().chain(theirs.keys()).cloned().collect();
+        keys.sort();
+        keys.dedup();
+        keys.retain(|key| mine.get(key) != theirs.get(key));
+        keys
+    }
+
+    /// Whether a running station can take another value of `key`.
+    pub fn is_live(key: &str) -> bool {
+        let live = ["camera.tilt_rad", "camera.roll_rad", "service.watch", "service.change"];
+        let sections = ["mask.", "capture.", "blade.", "refine."];
+        live.contains(&key) || sections.iter().any(|section| key.starts_with(section))
     }
 
     /// What a session is told.
@@ -475,6 +547,28 @@ mod tests {
     fn set_wins_over_the_file() {
         let config = check("[mask]\nnear_m = 0.4\nfar_m = 0.8\n", &["mask.near_m=0.5"]).expect("valid");
         assert_eq!((config.mask.near_m, config.mask.far_m), (0.5, 0.8));
+    }
+
+    #[test]
+    fn the_service_s_keys_are_in_their_ranges() {
+        let error = |text| check(text, &[]).expect_err("invalid");
+        assert!(error("service.socket_mode = 0o1777").contains("`service.socket_mode` is out of range"));
+        assert!(error("service.socket_mode = \"rw\"").contains("expected a whole number"));
+        assert!(error("service.watch = [\"@\"]").contains("`service.watch`"));
+        assert!(error("service.max_connections = 1").contains("expected 2 to 10000"));
+        assert!(error("store.directory = \"\"").contains("`store.directory`"));
+    }
+
+    #[test]
+    fn differences_are_named_and_the_hash_follows_what_a_capture_goes_by() {
+        let before = Config::default();
+        let after = check("mask.near_m = 0.4\nservice.socket = \"/tmp/s\"", &[]).expect("valid");
+        assert_eq!(before.differences(&before), Vec::<String>::new());
+        assert_eq!(before.differences(&after), ["mask.near_m", "service.socket"]);
+        assert!(Config::is_live("mask.near_m") && !Config::is_live("service.socket"));
+        assert_ne!(before.capture_hash(), after.capture_hash());
+        let elsewhere = Config { store: StoreConfig { directory: Some("/tmp/s".into()) }, ..before.clone() };
+        assert_eq!(before.capture_hash(), elsewhere.capture_hash());
     }
 
     #[test]
