@@ -116,7 +116,7 @@ async fn serve(args: &ConfigArgs, config: Config) -> anyhow::Result<()> {
         keeper: jobs.clone(),
         frames: orders.clone(),
         reload,
-        clients: Arc::new(()),
+        clients: Arc::default(),
     };
     let overview = service.clone();
     let limit = config.service.max_connections;

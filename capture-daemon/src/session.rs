@@ -77,12 +77,11 @@ impl Session {
         })
     }
 
-    /// Has what is held captured: with the next frame if the hold runs and it stands still, after
-    /// another hold if it was captured before. Where nothing is held, this does nothing.
+    /// Has what is held captured: as soon as it stands still from one frame to the next, or, if it was
+    /// captured before, after another hold. Where the next frame shows nothing, this does nothing.
     pub fn demand(&mut self) {
         match self.state {
-            State::Waiting => {}
-            State::Settling { .. } => self.is_due = true,
+            State::Waiting | State::Settling { .. } => self.is_due = true,
             State::Captured => self.state = State::Waiting,
         }
     }

@@ -63,7 +63,10 @@ impl Daemon {
     /// # Panics
     /// If its socket does not answer.
     pub fn start_command(folder: TempDir, command: Command) -> Self {
-        let running = Running::start(command).wait_for_socket(&folder.path().join("station.socket"));
+        let socket = folder.path().join("station.socket");
+        let running = Running::start(command).wait_for_socket(&socket);
+        // It listens before all is read; who is answered finds it ready.
+        Station::connect(&socket).status();
         Self { folder, running }
     }
 

@@ -55,7 +55,6 @@ async fn converse(
 ) -> Result<(), Hangup> {
     let (read, mut write) = stream.split();
     let mut messages = Messages { read, bytes: Vec::new(), taken: 0 };
-    // The connection counts among the clients for as long as it lasts.
     loop {
         let bytes = messages.next().await?;
         let Message { call, oneway } = Message::parse(bytes).ok_or(Hangup::NotVarlink)?;

@@ -12,6 +12,7 @@ mod published;
 mod socket;
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
 
 use common::protocol::{
@@ -51,7 +52,7 @@ pub(crate) struct Service {
     /// The daemon's queue.
     pub(crate) reload: mpsc::Sender<ReloadOrder>,
     /// Connections at present.
-    pub(crate) clients: Arc<()>,
+    pub(crate) clients: Arc<AtomicUsize>,
 }
 
 /// Parameters of a reply, and its descriptors.
@@ -70,8 +71,7 @@ impl Service {
             waiting: holdings.waiting as i64,
             lost: holdings.lost.cast_signed() + self.status.borrow().lost,
             refused_files: holdings.refused.len() as i64,
-            // The service itself has one.
-            clients: Arc::strong_count(&self.clients) as i64 - 1,
+            clients: self.clients.load(Ordering::Relaxed) as i64,
             ..self.status.borrow().clone()
         }
     }

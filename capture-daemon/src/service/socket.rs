@@ -6,6 +6,8 @@ use std::io;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use tokio::net::{UnixListener, UnixStream};
@@ -110,10 +112,12 @@ type Counts = Rc<RefCell<HashMap<u32, usize>>>;
 struct Seat {
     counts: Counts,
     uid: u32,
+    clients: Arc<AtomicUsize>,
 }
 
 impl Drop for Seat {
     fn drop(&mut self) {
+        self.clients.fetch_sub(1, Ordering::Relaxed);
         let mut counts = self.counts.borrow_mut();
         if let Some(count) = counts.get_mut(&self.uid) {
             *count -= 1;
@@ -149,7 +153,9 @@ async fn admit(
         return Err(io::Error::other(reason));
     }
     *own += 1;
-    let seat = Seat { counts: Rc::clone(counts), uid: peer.uid };
+    service.clients.fetch_add(1, Ordering::Relaxed);
+    let clients = Arc::clone(&service.clients);
+    let seat = Seat { counts: Rc::clone(counts), uid: peer.uid, clients };
     drop(by_user);
     Ok((stream, peer, seat))
 }
