@@ -184,6 +184,12 @@ impl Random {
     }
 }
 
+/// Reads what the station answers, until it has nothing more to say or waits for a library.
+fn hear_out(mut stream: UnixStream) {
+    stream.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket has a timeout");
+    let _ = stream.read_to_end(&mut Vec::new());
+}
+
 #[test]
 fn nothing_that_a_client_sends_stops_the_station() {
     let daemon = with_fern(&[]);
@@ -246,12 +252,13 @@ fn nothing_that_a_client_sends_stops_the_station() {
         }
         message.push(0);
         // What is no JSON ends a connection; then there is another.
-        if stream.write_all(&message).is_err() || round % 50 == 49 {
+        if stream.write_all(&message).is_err() || round % 20 == 19 {
+            hear_out(stream);
             stream = UnixStream::connect(daemon.socket()).expect("it listens");
         }
     }
     let mut station = daemon.connect();
-    assert!(station.status()["frames"].as_u64() > Some(0), "it still answers");
+    assert_eq!(station.status()["store"], "ok", "it still answers");
     let names: Vec<String> = station.library(0).blades().map(|blade| blade.name().to_owned()).collect();
     assert!(names == ["fern"] || names == ["moss"], "{names:?}");
     let (_, finished) = daemon.end();

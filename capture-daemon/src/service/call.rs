@@ -75,7 +75,8 @@ impl CallError {
             Self::InvalidParameter { parameter } => {
                 standard("InvalidParameter", json!({"parameter": parameter}))
             }
-            Self::PermissionDenied => standard("PermissionDenied", json!({})),
+            // Without parameters: zlink takes an error that has none and brings `{}` for an unknown one.
+            Self::PermissionDenied => json!({"error": "org.varlink.service.PermissionDenied"}),
             Self::Station(error) => serde_json::to_value(error).unwrap_or(Value::Null),
         }
     }

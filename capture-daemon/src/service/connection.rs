@@ -10,7 +10,7 @@ use tokio::net::UnixStream;
 use zlink::connection::Socket;
 use zlink::connection::socket::{ReadHalf, WriteHalf};
 
-use super::call::{CallError, Message};
+use super::call::Message;
 use super::{Peer, Service};
 
 /// Longest message that is read.
@@ -71,7 +71,7 @@ async fn converse(
         }
         let (reply, descriptors) = match answer {
             Ok((parameters, descriptors)) => (reply(parameters), descriptors),
-            Err(error) => (error_reply(&error), Vec::new()),
+            Err(error) => (error.reply(), Vec::new()),
         };
         let mut bytes = reply.to_string().into_bytes();
         bytes.push(0);
@@ -84,15 +84,6 @@ async fn converse(
 fn reply(parameters: Value) -> Value {
     let is_empty = parameters.as_object().is_some_and(serde_json::Map::is_empty);
     if is_empty { json!({}) } else { json!({"parameters": parameters}) }
-}
-
-fn error_reply(error: &CallError) -> Value {
-    let mut reply = error.reply();
-    // The parameters of an error without any are left out by some writers and wanted by some readers.
-    if let Some(reply) = reply.as_object_mut() {
-        reply.entry("parameters").or_insert_with(|| json!({}));
-    }
-    reply
 }
 
 /// The messages of a client, each ended by a zero byte.

@@ -12,22 +12,22 @@ def main():
     client = varlink.Client.new_with_address("unix:" + sys.argv[2])
     assert "io.sward.Station" in client.get_interfaces(), client.get_interfaces()
 
-    def refused(name, call, **parameters):
+    def refused(expected, call, **parameters):
         try:
             call(**parameters)
         except varlink.VarlinkError as error:
-            assert error.error() == name, error
+            assert error.error() == expected, error
         else:
-            raise AssertionError(name + " is not said")
+            raise AssertionError(expected + " is not said")
 
     with client.open("io.sward.Station") as station:
         members = client.get_interface("io.sward.Station").members
         methods = {name for name in members if hasattr(station, name)}
         called = set()
 
-        def call(name, **parameters):
-            called.add(name)
-            return getattr(station, name)(**parameters)
+        def call(method, **parameters):
+            called.add(method)
+            return getattr(station, method)(**parameters)
 
         status = call("GetStatus")["status"]
         assert status["store"] == "ok" and status["blades"] == 1, status
