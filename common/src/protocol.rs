@@ -229,3 +229,58 @@ impl std::fmt::Display for StationError {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use zlink_core::introspect::{CustomType, ReplyError, Type};
+
+    use super::*;
+
+    /// Without comments and spaces.
+    fn bare(text: &str) -> String {
+        let code = text.lines().map(|line| line.split('#').next().unwrap_or_default());
+        code.collect::<Vec<_>>().join(" ").split_whitespace().collect()
+    }
+
+    /// What stands in the file, member by member.
+    fn members() -> BTreeSet<String> {
+        let code: Vec<&str> = DEFINITION.lines().filter(|line| !line.starts_with('#')).collect();
+        let code = code.join("\n");
+        let starts = ["\nmethod ", "\ntype ", "\nerror "];
+        let mut ends: Vec<usize> =
+            starts.iter().flat_map(|start| code.match_indices(start)).map(|(at, _)| at).collect();
+        ends.sort_unstable();
+        ends.push(code.len());
+        ends.windows(2).map(|pair| bare(&code[pair[0]..pair[1]])).collect()
+    }
+
+    #[test]
+    fn the_types_are_those_of_the_file() {
+        let members = members();
+        let mut known = BTreeSet::new();
+        for custom in [Status::CUSTOM_TYPE, Blade::CUSTOM_TYPE, RefusedFile::CUSTOM_TYPE] {
+            known.insert(bare(&custom.to_string()));
+        }
+        for error in StationError::VARIANTS {
+            known.insert(bare(&error.to_string()));
+        }
+        for (call, reply) in [
+            ("GetLibrary(after:int)", Library::TYPE),
+            ("GetStatus()", GetStatusReply::TYPE),
+            ("ListBlades()", ListBladesReply::TYPE),
+            ("Capture()", CaptureReply::TYPE),
+            ("Reload()", ReloadReply::TYPE),
+        ] {
+            known.insert(format!("method{call}->{}", bare(&reply.to_string())));
+        }
+        for call in ["SetMix(name:string,mix:float)", "RenameBlade(name:string,new_name:string)"] {
+            known.insert(format!("method{call}->()"));
+        }
+        for name in ["RemoveBlade", "RestoreBlade"] {
+            known.insert(format!("method{name}(name:string)->()"));
+        }
+        assert_eq!(known, members);
+    }
+}

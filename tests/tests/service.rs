@@ -324,6 +324,37 @@ fn a_hundred_readers_are_served_and_more_than_the_limit_are_turned_away() {
     wait_for(DEADLINE, || ask(&mut daemon.connect()).then_some(())).expect("there is room again");
 }
 
+#[test]
+fn many_libraries_and_many_readers_leave_nothing_behind() {
+    let mut daemon = with_fern(&[]);
+    let process = format!("/proc/{}", daemon.running().id());
+    let descriptors = || fs::read_dir(format!("{process}/fd")).expect("it runs").count();
+    let kilobytes = || {
+        let status = fs::read_to_string(format!("{process}/status")).expect("it runs");
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("its memory");
+        line.trim().trim_end_matches(" kB").parse::<u64>().expect("a number")
+    };
+    let publish = |count: u32| {
+        let mut station = daemon.connect();
+        let mut after = 0;
+        for number in 0..count {
+            let mix = json!({"name": "fern", "mix": number % 7});
+            assert_eq!(station.call("SetMix", &mix).0, json!({}));
+            after = station.library(after).generation();
+            // A reader that leaves while it waits.
+            let mut waiting = daemon.connect();
+            let call = json!({"method": "io.sward.Station.GetLibrary", "parameters": {"after": after}});
+            waiting.send(call.to_string().as_bytes()).expect("it reads");
+        }
+    };
+    publish(100);
+    let (few, before) = (descriptors(), kilobytes());
+    publish(400);
+    let flat = wait_for(DEADLINE, || (descriptors() <= few).then_some(()));
+    assert!(flat.is_some(), "{} descriptors, {few} before", descriptors());
+    assert!(kilobytes() < before + 4096, "{} kB, {before} kB before", kilobytes());
+}
+
 /// What systemd would be told.
 struct Manager(UnixDatagram);
 
