@@ -86,11 +86,13 @@ fn who_is_not_listed_may_watch_at_most() {
         eprintln!("skipped: only root can be somebody else");
         return;
     }
+    // Where the build is, strangers may not go; so they get a copy.
+    let open_to_all = tempfile::tempdir().expect("a folder");
+    fs::set_permissions(open_to_all.path(), PermissionsExt::from_mode(0o755)).expect("it is ours");
+    let program = open_to_all.path().join("sward-capture");
+    fs::copy(Program::Capture.path(), &program).expect("room");
     let stranger = |daemon: &Daemon, arguments: &[&str]| {
-        // Where the build is, strangers may not go; so they get a copy.
-        let program = daemon.folder().join("sward-capture");
-        fs::copy(Program::Capture.path(), &program).expect("room");
-        let mut command = std::process::Command::new(program);
+        let mut command = std::process::Command::new(&program);
         command.args(arguments).arg("--socket").arg(daemon.socket()).env("SWARD_LOG", "off");
         command.current_dir("/").uid(4242).gid(4243);
         Running::start(command).finish(DEADLINE)
@@ -104,7 +106,17 @@ fn who_is_not_listed_may_watch_at_most() {
 
     let daemon = with_fern(&[open.clone(), ("service.watch", "[]".to_owned())]);
     refused(&stranger(&daemon, &["status"]), 1, &["service.watch"]);
-    let daemon = with_fern(&[open, ("service.change", "[\"@4243\"]".to_owned())]);
+    let daemon = with_fern(&[open.clone(), ("service.change", "[\"@4243\"]".to_owned())]);
+    assert_eq!(stranger(&daemon, &["blades", "remove", "fern"]).code, Some(0));
+
+    // Who may do what can be changed while the station runs.
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = folder.path().join("station.toml");
+    fs::write(&config, "service.change = []\n").expect("room");
+    let daemon = with_fern_in(folder, &[open]);
+    refused(&stranger(&daemon, &["blades", "remove", "fern"]), 1, &["does not allow"]);
+    fs::write(&config, "service.change = [\"4242\"]\n").expect("room");
+    assert_eq!(daemon.client(&["reload"]).stdout, "service.change is changed\n");
     assert_eq!(stranger(&daemon, &["blades", "remove", "fern"]).code, Some(0));
 
     let daemon = with_fern(&[("service.socket_mode", "0o600".to_owned())]);
@@ -326,7 +338,8 @@ fn a_hundred_readers_are_served_and_more_than_the_limit_are_turned_away() {
 
 #[test]
 fn many_libraries_and_many_readers_leave_nothing_behind() {
-    let mut daemon = with_fern(&[]);
+    // Nothing is held at that distance: frames that are added up for a capture take memory too.
+    let mut daemon = with_fern(&[("mask.near_m", "0.01".to_owned()), ("mask.far_m", "0.02".to_owned())]);
     let process = format!("/proc/{}", daemon.running().id());
     let descriptors = || fs::read_dir(format!("{process}/fd")).expect("it runs").count();
     let kilobytes = || {
@@ -422,4 +435,33 @@ fn systemd_hears_of_its_life_and_a_reload_takes_only_what_is_valid() {
     let (_, finished) = daemon.end();
     assert_eq!(finished.code, Some(0), "{finished:?}");
     manager.hears("STOPPING=1");
+}
+
+#[test]
+fn reloads_in_the_middle_of_a_hold_lose_no_frame() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = folder.path().join("station.toml");
+    fs::write(&config, "refine.knots = 16\n").expect("room");
+    let daemon = Daemon::start_in(folder, &[]);
+    let mut station = daemon.connect();
+    let whole = Program::Capture.run(["replay", "recordings/row-3.mcap", "--json"]).stdout;
+    let end: Value = serde_json::from_str(whole.lines().last().expect("it ends")).expect("JSON");
+    let mut reloads = 0;
+    let status = wait_for(DEADLINE, || {
+        fs::write(&config, format!("refine.knots = {}\n", 10 + reloads % 5)).expect("room");
+        let reply = station.call("Reload", &json!({})).0;
+        assert_eq!(reply["error"], Value::Null, "{reply}");
+        reloads += 1;
+        let status = station.status();
+        (status["frames"] == end["frames"]).then_some(status)
+    });
+    let status = status.expect("the recording is played to its end");
+    assert!(reloads > 5, "{reloads} reloads");
+    assert_eq!(status["captures"], json!(1), "{status}");
+    assert_eq!(station.library_of_at_least(1).len() as u64, end["blades"].as_u64().expect("a number"));
+    let reply = wait_for(DEADLINE, || {
+        let reply = station.call("Capture", &json!({})).0;
+        (reply["error"] != "io.sward.Station.NothingHeld").then_some(reply)
+    });
+    assert_eq!(reply.expect("an answer")["error"], "io.sward.Station.NoFrames");
 }

@@ -11,7 +11,7 @@
 //! remove files with whatever they like; the last good blade of a name stays until a better one comes or
 //! it is removed. Non-goals: several stations on one directory (it is locked).
 //!
-//! A [`Store`] knows no clock, thread or channel: [`crate::keeper`] gives it its turns.
+//! The store knows no clock, thread or channel: the keeper's thread gives it its turns.
 
 pub(crate) mod file;
 pub(crate) mod generation;
