@@ -1,4 +1,5 @@
 //! Is every blade that was announced there again, whole, whatever becomes of the daemon and its disk?
+//! `SWARD_KILLS=1000` kills it so often, instead of 20 times.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -49,15 +50,16 @@ fn library_with(station: &mut Station, what: impl Fn(&[BladeView<'_>]) -> bool) 
 #[test]
 fn killed_at_any_moment_it_has_every_blade_that_it_announced() {
     let mut folder = tempfile::tempdir().expect("a folder");
-    let (mut announced, mut generation) = (BTreeSet::new(), 0);
+    let (mut announced, mut generation) = (BTreeSet::new(), 0u64);
     let mut grown = 0;
-    for round in 0..20u64 {
+    let kills = std::env::var("SWARD_KILLS").map_or(20, |kills| kills.parse().expect("a whole number"));
+    for round in 0..kills {
         // Other knots are other blades, so that there is something new to keep in each round.
         let settings = [
             ("source.loop", "true".to_owned()),
             ("source.rate", "0.0".to_owned()),
             ("capture.hold_s", format!("{:?}", 0.05 * (round % 5) as f64)),
-            ("refine.knots", (3 + round).to_string()),
+            ("refine.knots", (3 + round % 62).to_string()),
         ];
         let daemon = Daemon::start_in(folder, &settings);
         let mut reader = daemon.connect();

@@ -4,6 +4,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 /// How the name of a blade's file ends.
 pub(crate) const SUFFIX: &str = ".toml";
@@ -50,10 +51,24 @@ impl Signature {
 /// When the disk is full or refuses; then nothing has changed, or (the folder could not be synced) the
 /// new file is there but may not outlast a power failure.
 pub(crate) fn write_atomically(folder: &Path, name: &str, bytes: &[u8]) -> io::Result<()> {
+    write_as_of(folder, name, bytes, None)
+}
+
+/// The same, for a file that is to have been changed last at another time than now.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub(crate) fn write_as_of(
+    folder: &Path,
+    name: &str,
+    bytes: &[u8],
+    modified: Option<SystemTime>,
+) -> io::Result<()> {
     let temporary = folder.join(format!(".{name}.tmp"));
     let written = (|| {
         let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(&temporary)?;
         file.write_all(bytes)?;
+        modified.map_or(Ok(()), |modified| file.set_modified(modified))?;
         file.sync_all()?;
         fs::rename(&temporary, folder.join(name))
     })();

@@ -164,7 +164,10 @@ impl Store {
             capacity,
         };
         if let Err(error) = store.make_folders() {
-            tracing::warn!(%error, "the store cannot be written; blades that are captured wait in memory");
+            tracing::warn!(
+                %error,
+                "the store cannot be written, and captured blades wait until it can; make room there, or set store.directory to a folder that may be written"
+            );
         }
         store.attach()?;
         Ok(store)

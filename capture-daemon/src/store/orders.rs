@@ -3,7 +3,7 @@
 use std::io;
 
 use super::file::{
-    SUFFIX, Signature, make_folder, shelve, shelve_text, shift, text, versions, write_atomically,
+    SUFFIX, Signature, make_folder, shelve, shelve_text, shift, text, versions, write_as_of, write_atomically,
 };
 use super::record::{Record, check_name};
 use super::{Live, Store, StoreError, disk};
@@ -113,7 +113,9 @@ impl Store {
         let modified = Signature::of(&path).map_or(0, |seen| seen.modified_unix_ns());
         Record::parse(name, &text, modified)
             .map_err(|error| StoreError::Refused { reason: error.to_string() })?;
-        write_atomically(&self.blades_folder(), &format!("{name}{SUFFIX}"), text.as_bytes())
+        // The time of its last change stands for that of its capture, where it does not give that.
+        let modified = std::fs::metadata(&path).and_then(|metadata| metadata.modified()).ok();
+        write_as_of(&self.blades_folder(), &format!("{name}{SUFFIX}"), text.as_bytes(), modified)
             .map_err(|source| disk(&path, source))?;
         self.take_up(name)
     }

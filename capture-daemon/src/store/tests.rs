@@ -217,8 +217,10 @@ fn a_mix_weight_is_set_and_the_rest_of_the_file_stays() {
     let mut store = open(&folder);
     drop_file(&store, "fern", DROPPED);
     rescan(&mut store);
+    let before = store.blades()[0].captured_unix_ns();
     store.set_mix("fern", 0.1).expect("valid");
-    assert_eq!(store.blades()[0].mix(), 0.1);
+    let fern = &store.blades()[0];
+    assert_eq!((fern.mix(), fern.captured_unix_ns()), (0.1, before));
     let file = fs::read_to_string(store.blades_folder().join("fern.toml")).expect("text");
     assert_eq!(file, DROPPED.replace("mix = 0.5", "mix = 0.1"));
     for bad in [-1.0, f64::NAN, f64::INFINITY, 1e300] {
