@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 use std::future::Future;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -17,6 +18,8 @@ use crate::config;
 
 /// How long a station may take to answer.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// How a closed connection shows when it is written to.
+const HANGUPS: [ErrorKind; 2] = [ErrorKind::BrokenPipe, ErrorKind::ConnectionReset];
 
 #[zlink::proxy("io.sward.Station")]
 trait StationProxy {
@@ -45,6 +48,14 @@ pub enum ClientError {
     /// It takes too long.
     #[error("{socket}: the station does not answer within {} s; see its log, or start it anew", PATIENCE.as_secs())]
     Silent {
+        /// The socket.
+        socket: String,
+    },
+    /// It closes the connection.
+    #[error(
+        "{socket}: the station hung up: it has as many connections as service.max_connections allows, or it is ending; try again"
+    )]
+    HungUp {
         /// The socket.
         socket: String,
     },
@@ -111,6 +122,10 @@ impl Station {
                 if *error.inner() == zlink::varlink_service::Error::PermissionDenied =>
             {
                 Err(ClientError::Denied { socket: socket.clone() })
+            }
+            Err(zlink::Error::UnexpectedEof) => Err(ClientError::HungUp { socket: socket.clone() }),
+            Err(zlink::Error::Io(error)) if HANGUPS.contains(&error.kind()) => {
+                Err(ClientError::HungUp { socket: socket.clone() })
             }
             Err(error) => Err(ClientError::Strange { socket: socket.clone(), reason: error.to_string() }),
         }

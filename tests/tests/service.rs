@@ -1,12 +1,15 @@
 //! Does the station serve whoever speaks to it, and is it harmed by nothing that anyone sends?
 
 use std::fs;
-use std::io::{Read, Write};
+use std::io::{IoSlice, Read, Write};
+use std::mem::MaybeUninit;
+use std::os::fd::AsFd;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::time::Duration;
 
+use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg};
 use serde_json::{Value, json};
 use tests::daemon::Daemon;
 use tests::programs::{DEADLINE, Finished, Program, Running, wait_for};
@@ -106,6 +109,21 @@ fn who_is_not_listed_may_watch_at_most() {
     refused(&stranger(&daemon, &["status"]), 1, &["service.watch"]);
     let daemon = with_fern(&[open.clone(), ("service.change", "[\"@4243\"]".to_owned())]);
     assert_eq!(stranger(&daemon, &["blades", "remove", "fern"]).code, Some(0));
+
+    // One user does not take all connections: of 4 he gets 2.
+    let daemon = with_fern(&[open.clone(), ("service.max_connections", "4".to_owned())]);
+    let watch = || {
+        let mut command = std::process::Command::new(&program);
+        command.args(["status", "--watch", "--socket"]).arg(daemon.socket());
+        command.current_dir("/").uid(4242).gid(4243);
+        Running::start(command)
+    };
+    let watching = [watch(), watch()];
+    let all = wait_for(DEADLINE, || (daemon.connect().status()["clients"] == json!(3)).then_some(()));
+    all.expect("two strangers and we");
+    refused(&stranger(&daemon, &["status"]), 1, &["hung up", "service.max_connections"]);
+    assert_eq!(daemon.client(&["status"]).code, Some(0));
+    drop(watching);
 
     // Who may do what can be changed while the station runs.
     let folder = tempfile::tempdir().expect("a folder");
@@ -274,6 +292,26 @@ fn nothing_that_a_client_sends_stops_the_station() {
     let (_, finished) = daemon.end();
     assert_eq!(finished.code, Some(0), "{finished:?}");
     assert!(!finished.stderr.contains("panicked"), "{}", finished.stderr);
+}
+
+#[test]
+fn descriptors_that_a_client_sends_are_closed() {
+    let mut daemon = with_fern(&[]);
+    let process = format!("/proc/{}/fd", daemon.running().id());
+    let open = || fs::read_dir(&process).expect("it runs").count();
+    let stream = UnixStream::connect(daemon.socket()).expect("it listens");
+    let before = open();
+    let file = fs::File::open("/dev/null").expect("it is there");
+    let descriptors = [file.as_fd(); 8];
+    for _ in 0..100 {
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(8))];
+        let mut ancillary = SendAncillaryBuffer::new(&mut space);
+        assert!(ancillary.push(SendAncillaryMessage::ScmRights(&descriptors)));
+        // A message that is never ended.
+        sendmsg(&stream, &[IoSlice::new(b" ")], &mut ancillary, SendFlags::empty()).expect("it reads");
+    }
+    assert_eq!(daemon.connect().status()["store"], "ok");
+    wait_for(DEADLINE, || (open() <= before + 2).then_some(())).expect("they are closed");
 }
 
 #[test]

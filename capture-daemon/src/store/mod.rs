@@ -310,8 +310,11 @@ impl Store {
         let oldest = self.surplus_after(1)?;
         let record = Record { sequence: Some(self.next_sequence), ..captured.clone() };
         let file = format!("{name}{SUFFIX}");
-        write_atomically(&self.blades_folder(), &file, record.to_toml().as_bytes())
-            .map_err(|source| disk(&self.path(&name), source))?;
+        if let Err(source) = write_atomically(&self.blades_folder(), &file, record.to_toml().as_bytes()) {
+            // Where only the folder could not be synced, it would be taken for somebody's copy later.
+            let _ = std::fs::remove_file(self.path(&name));
+            return Err(disk(&self.path(&name), source));
+        }
         if let Some(oldest) = oldest
             && let Err(error) = self.archive_blade(&oldest)
         {
