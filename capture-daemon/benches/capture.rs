@@ -140,7 +140,10 @@ fn stages(
     });
     let ribbons = timed("ribbon", || ribbon::grow(&mask, &parts, &fields, &of_ribbons));
     let skeletons: Vec<_> = timed("skeleton", || {
-        ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon)?))).collect()
+        ribbons
+            .iter()
+            .filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon, &frame.camera)?)))
+            .collect()
     });
     let lifted: Vec<_> = timed("lift", || {
         skeletons.iter().map(|(ribbon, s)| (*ribbon, lift::lift(&mask, s, &frame.camera))).collect()

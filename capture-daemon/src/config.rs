@@ -130,12 +130,15 @@ pub struct BladeConfig {
     pub min_pixels_across: f32,
     /// Lowest score.
     pub min_score: f32,
+    /// Widest blade or leaf, metres.
+    pub max_width_m: f32,
 }
 
 impl Default for BladeConfig {
     fn default() -> Self {
-        let AcceptParams { min_length_m, min_pixels_across, min_score } = AcceptParams::default();
-        Self { min_length_m, min_pixels_across, min_score }
+        let AcceptParams { min_length_m, min_pixels_across, min_score, max_width_m } =
+            AcceptParams::default();
+        Self { min_length_m, min_pixels_across, min_score, max_width_m }
     }
 }
 
@@ -392,6 +395,7 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
         .or_else(|| within("blade.min_length_m", blade.min_length_m.into(), 0.001..=10.0))
         .or_else(|| within("blade.min_pixels_across", blade.min_pixels_across.into(), 0.5..=100.0))
         .or_else(|| within("blade.min_score", blade.min_score.into(), 0.0..=1.0))
+        .or_else(|| within("blade.max_width_m", blade.max_width_m.into(), 0.005..=10.0))
         .or_else(|| within("refine.knots", refine.knots as f64, 2.0..=64.0))
         .or_else(|| within("refine.distance_weight", refine.distance_weight.into(), 0.0..=1.0))
 }
@@ -483,6 +487,7 @@ impl Config {
                     min_length_m: blade.min_length_m,
                     min_pixels_across: blade.min_pixels_across,
                     min_score: blade.min_score,
+                    max_width_m: blade.max_width_m,
                 },
                 pose: CameraPose { tilt_rad: camera.tilt_rad, roll_rad: camera.roll_rad },
             },

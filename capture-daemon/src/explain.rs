@@ -7,6 +7,7 @@ use tiny_skia::{Color, LineCap, LineJoin, Paint, PathBuilder, Pixmap, Stroke, Tr
 
 use crate::frame::CameraModel;
 use crate::session::Capture;
+use crate::stages::cover;
 use crate::stages::mask::Mask;
 
 /// Why a picture cannot be written.
@@ -172,7 +173,15 @@ fn contour(capture: &Capture) -> Picture {
 }
 
 fn partition(capture: &Capture) -> Picture {
-    let mut picture = Picture::of_depth(&capture.steps.mask);
+    let mask = &capture.steps.mask;
+    let mut picture = Picture::of_depth(mask);
+    for (index, part) in cover::cover(mask, &capture.steps.parts).into_iter().enumerate() {
+        if part > 0 {
+            let mut color = hue(part as usize - 1);
+            color.set_alpha(0.3);
+            picture.pixel(index % mask.width, index / mask.width, color);
+        }
+    }
     for (index, part) in capture.steps.parts.iter().enumerate() {
         for side in [&part.left, &part.right] {
             picture.line(side.points.iter().copied(), hue(index), 2.5);

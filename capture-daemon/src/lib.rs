@@ -4,6 +4,7 @@ pub mod cli;
 pub mod client;
 pub mod config;
 pub mod daemon;
+pub mod exchange;
 pub mod explain;
 pub mod frame;
 mod frames;

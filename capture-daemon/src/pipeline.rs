@@ -76,19 +76,24 @@ pub fn capture(
     let mut ribbons = ribbon::grow(&mask, &parts, &fields, &following);
     crease::find(&mask, &mut ribbons, focal_px);
     let (traced, skeletons): (Vec<&Ribbon>, Vec<Skeleton>) =
-        ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon)?))).unzip();
+        ribbons.iter().filter_map(|ribbon| Some((ribbon, skeleton::trace(&mask, ribbon, camera)?))).unzip();
     let lifted: Vec<Lifted> = skeletons.iter().map(|skeleton| lift::lift(&mask, skeleton, camera)).collect();
 
     let window_m = [params.mask.near_m as f32, params.mask.far_m as f32];
-    let (mut accepted, mut refused) = (Vec::new(), Vec::new());
+    let (mut accepted, mut followed, mut refused) = (Vec::new(), Vec::new(), Vec::new());
     for (lifted, ribbon) in lifted.iter().zip(traced) {
         let evidence = Evidence::of(ribbon, lifted, mask.frames, mask.depth_noise_m);
         let margins = margin::look(&mask, ribbon, window_m);
         match blade::accept(lifted, &margins, &evidence, &params.accept) {
-            Ok(()) => accepted.push((lifted, evidence)),
-            Err(reason) => refused.push(reason),
+            Ok(()) => {
+                accepted.push((lifted, evidence));
+                followed.push(ribbon);
+            }
+            Err(reason) => refused.push((lifted, ribbon, reason)),
         }
     }
+    let steep = blade::steep_blobs(&mask, &followed, camera);
+    let mut refused = blade::worth_saying(&mask, &accepted, &refused, &steep);
     accepted.sort_by(|a, b| a.0.root_x_m().total_cmp(&b.0.root_x_m()));
     let (blades, shapeless) = blade::finish(&accepted, timestamp_ns, &params.pose, &params.refine);
     refused.extend(shapeless);

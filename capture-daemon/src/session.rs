@@ -4,6 +4,8 @@
 use crate::frame::DepthFrame;
 use crate::pipeline::{self, PipelineParams, Steps};
 use crate::stages::accumulate::Accumulation;
+use crate::stages::blade::Refusal;
+use crate::stages::outside::{Side, Watch};
 use crate::stages::presence;
 use crate::station::{self, Effect, State, StationParams};
 
@@ -33,6 +35,7 @@ pub struct Session {
     params: SessionParams,
     state: State,
     held: Option<Accumulation>,
+    outside: Watch,
     frames: u64,
     /// Someone has asked for a capture before the hold is over.
     is_due: bool,
@@ -44,7 +47,8 @@ impl Session {
         Self { params, ..Self::default() }
     }
 
-    /// Takes the next frame, and gives a capture when it completes one.
+    /// Takes the next frame, and gives a capture when it completes one: without blades, but with the reason,
+    /// when what stands still does so outside of the depth window.
     pub fn push(&mut self, frame: &DepthFrame) -> Option<Capture> {
         let index = self.frames;
         self.frames += 1;
@@ -61,6 +65,11 @@ impl Session {
         };
         self.is_due &= matches!(state, State::Settling { .. });
         self.state = state;
+        if state == State::Waiting {
+            let side = self.outside.push(frame, mask)?;
+            return self.look_outside(side, frame, index);
+        }
+        self.outside.interrupt();
         if effect == Effect::Idle {
             return None;
         }
@@ -91,11 +100,27 @@ impl Session {
     pub fn set_params(&mut self, params: SessionParams) {
         if params.pipeline.mask != self.params.pipeline.mask {
             self.held = None;
+            self.outside.interrupt();
             if matches!(self.state, State::Settling { .. }) {
                 self.state = State::Waiting;
             }
         }
         self.params = params;
+    }
+
+    /// What is to be said of something that stands still outside of the window: nothing, if it does not look
+    /// like a blade.
+    fn look_outside(&self, side: Side, frame: &DepthFrame, index: u64) -> Option<Capture> {
+        let (shown, mask) = side.shown(frame, &self.params.pipeline.mask);
+        let mut seen = Accumulation::like(&shown);
+        seen.add(&shown, &mask);
+        let pipeline = PipelineParams { mask, ..self.params.pipeline.clone() };
+        let mut steps = pipeline::capture(&seen, &shown.camera, shown.timestamp_ns, &pipeline);
+        let is_like_a_blade = !steps.blades.is_empty() || steps.refused.iter().any(Refusal::is_of_a_blade);
+        let refusal = if side == Side::Far { Refusal::TooFar } else { Refusal::TooNear };
+        (steps.blades, steps.refused) = (Vec::new(), vec![refusal]);
+        let timestamp_ns = frame.timestamp_ns;
+        is_like_a_blade.then_some(Capture { frame: index, timestamp_ns, steps })
     }
 
     /// Where the station is with its visitor.

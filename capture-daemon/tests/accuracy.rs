@@ -1,8 +1,9 @@
 //! Are the blades of synthetic clips found, and how true are they?
 
-use capture_daemon::session::SessionParams;
+use capture_daemon::session::{Capture, Session, SessionParams};
+use capture_daemon::stages::blade::CapturedBlade;
 use capture_daemon::synth::accuracy::{ClipResult, Summary, measure};
-use capture_daemon::synth::{ClipParams, Family};
+use capture_daemon::synth::{Clip, ClipParams, Family, Scene, Section, SyntheticBlade};
 
 /// These seeds are looked at with every change: others tell more about what was never seen.
 const SEEDS: std::ops::Range<u64> = 9_000..9_020;
@@ -63,4 +64,34 @@ fn a_crease_off_the_middle_is_the_midrib() {
     // Middles between the edges are 1 to 3 mm off, and edges behind the crease are lost without it.
     assert!(summary.median.midrib_m < 0.0006 && summary.p95.midrib_m < 0.0015, "{summary}");
     assert!(summary.p95.max_width < 0.05, "{summary}");
+}
+
+#[test]
+fn blades_are_as_wide_as_they_are_all_along() {
+    for seed in 610_000..610_006 {
+        let clip =
+            Clip::new(Scene::new(Family::Row, seed), ClipParams { frames: 36, ..ClipParams::default() });
+        let clip = clip.expect("valid parameters");
+        let mut session = Session::new(SessionParams::default());
+        let captures: Vec<Capture> = clip.frames().filter_map(|frame| session.push(&frame)).collect();
+        let blades: Vec<&CapturedBlade> = captures.iter().flat_map(|capture| &capture.steps.blades).collect();
+        assert_eq!(blades.len(), clip.scene().blades.len(), "seed {seed}");
+        for blade in blades {
+            let knots = &blade.knots_in_camera;
+            let root = knots[0].position.as_dvec3();
+            let from_root = |truth: &&SyntheticBlade| truth.sections[0].center.distance(root);
+            let truth = clip.scene().blades.iter().min_by(|a, b| from_root(a).total_cmp(&from_root(b)));
+            let truth = truth.expect("a row has blades");
+            // Of a tip a pixel wide, and of what is beside a root's corners, less is known.
+            for knot in &knots[1..knots.len() - 2] {
+                let place = knot.position.as_dvec3();
+                let from_place = |section: &&Section| section.center.distance(place);
+                let sections = truth.sections.iter();
+                let nearest = sections.min_by(|a, b| from_place(a).total_cmp(&from_place(b)));
+                let expected = nearest.map_or(0.0, |it| it.half_width_left + it.half_width_right);
+                let off = (f64::from(knot.width()) - expected) / truth.max_width_m;
+                assert!(off.abs() < 0.12, "seed {seed}: {off:+.3} of its largest width at {place}");
+            }
+        }
+    }
 }

@@ -1,12 +1,13 @@
 //! Damaged recordings: what is lost with each kind of damage, and what is not.
 
+mod reading;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use capture_daemon::frame::DepthFrame;
 use capture_daemon::recording::{self, OpenOptions};
-use capture_daemon::source::SourceError;
 use capture_daemon::synth::{self, Clip, ClipParams, Family, Format, Scene};
 use serde_json::Value;
 
@@ -50,16 +51,7 @@ fn chunks(bytes: &[u8]) -> Vec<(usize, usize)> {
 }
 
 fn read(path: &Path) -> Result<(Vec<DepthFrame>, Vec<String>), String> {
-    let mut source = recording::open(path, &OpenOptions::default()).map_err(|error| error.to_string())?;
-    let (mut frames, mut skipped) = (Vec::new(), Vec::new());
-    loop {
-        match source.next_frame() {
-            Ok(frame) => frames.push(frame),
-            Err(SourceError::BadFrame(why)) => skipped.push(why),
-            Err(SourceError::End) => return Ok((frames, skipped)),
-            Err(error) => panic!("{error}"),
-        }
-    }
+    reading::to_its_end(path, &OpenOptions::default())
 }
 
 /// Damages a recording of four chunks and asserts which of its frames are read, and how many places

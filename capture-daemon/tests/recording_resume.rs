@@ -1,11 +1,12 @@
 //! Damage within files without chunks: what is behind it is read.
 
+mod reading;
+
 use std::io::Cursor;
 use std::ops::Range;
 
 use capture_daemon::frame::DepthFrame;
 use capture_daemon::recording::{self, McapWriter, OpenOptions, RecordingParams};
-use capture_daemon::source::SourceError;
 use capture_daemon::synth::{Clip, ClipParams, Family, Scene};
 
 const MESSAGE: u8 = 5;
@@ -46,16 +47,7 @@ fn read(bytes: &[u8]) -> Result<(Vec<DepthFrame>, Vec<String>), String> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("it.mcap");
     std::fs::write(&path, bytes).expect("written");
-    let mut source = recording::open(&path, &OpenOptions::default()).map_err(|error| error.to_string())?;
-    let (mut frames, mut skipped) = (Vec::new(), Vec::new());
-    loop {
-        match source.next_frame() {
-            Ok(frame) => frames.push(frame),
-            Err(SourceError::BadFrame(why)) => skipped.push(why),
-            Err(SourceError::End) => return Ok((frames, skipped)),
-            Err(error) => panic!("{error}"),
-        }
-    }
+    reading::to_its_end(&path, &OpenOptions::default())
 }
 
 /// Damages a recording and asserts that all frames but these are read, bit for bit, and how many places

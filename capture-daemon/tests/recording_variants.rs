@@ -1,11 +1,12 @@
 //! The many forms that a ROS 2 recording may have: which are read, and how the others are refused.
 
+mod reading;
+
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
 use capture_daemon::frame::{CameraModel, DepthFrame};
 use capture_daemon::recording::{self, Distortion, GivenCamera, OpenOptions};
-use capture_daemon::source::SourceError;
 use mcap::records::MessageHeader;
 
 /// A message in the making, in either byte order.
@@ -120,16 +121,7 @@ fn read_with(bytes: &[u8], options: &OpenOptions) -> Result<(Vec<DepthFrame>, Ve
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("it.mcap");
     std::fs::write(&path, bytes).expect("written");
-    let mut source = recording::open(&path, options).map_err(|error| error.to_string())?;
-    let (mut frames, mut skipped) = (Vec::new(), Vec::new());
-    loop {
-        match source.next_frame() {
-            Ok(frame) => frames.push(frame),
-            Err(SourceError::BadFrame(why)) => skipped.push(why),
-            Err(SourceError::End) => return Ok((frames, skipped)),
-            Err(error) => panic!("{error}"),
-        }
-    }
+    reading::to_its_end(&path, options)
 }
 
 fn read(messages: &[(&str, &str, Vec<u8>)]) -> Result<(Vec<DepthFrame>, Vec<String>), String> {

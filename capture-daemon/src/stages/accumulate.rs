@@ -206,11 +206,10 @@ impl Accumulation {
         (f64::from(self.sum[index]) / hits * self.depth_unit_m) as f32
     }
 
-    /// Standard deviation of a pixel's depth over the frames, metres.
-    pub(super) fn spread_m(&self, index: usize) -> f32 {
-        let hits = f64::from(self.hits[index].max(1));
-        let mean = f64::from(self.sum[index]) / hits;
-        let variance = self.squares[index] as f64 / hits - mean * mean;
-        (variance.max(0.0).sqrt() * self.depth_unit_m / f64::from(PARTS)) as f32
+    /// Variance of a pixel's depth over the frames, in squares of [`PARTS`].
+    pub(super) fn variance(&self, index: usize) -> f32 {
+        let per_hit = 1.0 / f64::from(self.hits[index].max(1));
+        let mean = f64::from(self.sum[index]) * per_hit;
+        (self.squares[index] as f64 * per_hit - mean * mean).max(0.0) as f32
     }
 }

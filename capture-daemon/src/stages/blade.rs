@@ -8,7 +8,9 @@ use glam::{Affine3A, Vec3};
 use super::confidence::Evidence;
 use super::lift::Lifted;
 use super::margin::Margins;
-use crate::frame::CameraPose;
+use super::mask::{Mask, Region};
+use super::ribbon::Ribbon;
+use crate::frame::{CameraModel, CameraPose};
 
 /// Which blades are good enough to grow.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,11 +21,13 @@ pub struct AcceptParams {
     pub min_pixels_across: f32,
     /// Lowest score, 0..=1.
     pub min_score: f32,
+    /// Widest blade or leaf, metres.
+    pub max_width_m: f32,
 }
 
 impl Default for AcceptParams {
     fn default() -> Self {
-        Self { min_length_m: 0.03, min_pixels_across: 2.5, min_score: 0.05 }
+        Self { min_length_m: 0.03, min_pixels_across: 2.5, min_score: 0.05, max_width_m: 0.16 }
     }
 }
 
@@ -38,6 +42,18 @@ const MAX_M_PER_PX: f32 = 0.004;
 /// A blade that runs more steeply away from the camera than this, on average, cannot be measured:
 /// metres of midrib for a metre across the picture.
 const MAX_STEEPNESS: f32 = 4.0;
+
+/// Broader than blades of grass: a leaf, or a hand, a box, a sheet. A leaf narrows to its tip, and without
+/// a step, metres.
+const BROAD_M: f32 = 0.045;
+/// How much its width changes at most over a metre of its midrib, but for the ends: a circle's by 2.7.
+const MAX_FLANK: f32 = 3.0;
+/// Width at a tip over the largest one from which on it is no tip.
+const BLUNT: f32 = 0.75;
+/// Share of its edges that may lie at the border of the region: more are where it goes on beyond it.
+const MAX_AT_BORDER: f32 = 0.35;
+/// Of a narrower blade it cannot be told whether it ends in a point, pixels across.
+const SHOWN_PX: f32 = 6.0;
 
 /// An outline odder than this ([`Margins::oddity`]) is no blade's.
 const MAX_ODDITY: f32 = 2.4;
@@ -75,12 +91,12 @@ pub struct CapturedBlade {
 /// lists all of them.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Refusal {
-    /// So far off that a pixel spans too much of it.
+    /// So far off that a pixel spans too much of it, or beyond the depth window or at its end.
     #[error("Please come closer: from so far away it cannot be measured.")]
-    TooFar {
-        /// Metres that a pixel spans.
-        metres_per_px: f32,
-    },
+    TooFar,
+    /// Nearer than the depth window, or at its beginning.
+    #[error("Please hold it farther away: so close to the camera it cannot be measured.")]
+    TooNear,
     /// Too few pixels across for a width.
     #[error("Please hold it a little closer: from here it looks too thin to be measured.")]
     TooNarrow {
@@ -97,7 +113,7 @@ pub enum Refusal {
         /// Length needed, metres.
         needed_m: f32,
     },
-    /// About as wide as it is long.
+    /// About as wide as it is long, wider than any leaf, or broad and not of a leaf's shape.
     #[error("Please hold up a single blade or leaf with its tip free: this is too broad for one.")]
     TooBroad,
     /// Its outline is that of a stretch of something larger: uneven, cut, or bent more tightly than it is
@@ -135,7 +151,8 @@ impl Refusal {
     /// A word for logs and programs, which stays when the sentence is put better.
     pub fn code(&self) -> &'static str {
         match self {
-            Self::TooFar { .. } => "too_far",
+            Self::TooFar => "too_far",
+            Self::TooNear => "too_near",
             Self::TooNarrow { .. } => "too_narrow",
             Self::TooShort { .. } => "too_short",
             Self::TooBroad => "too_broad",
@@ -145,6 +162,19 @@ impl Refusal {
             Self::Outside => "outside",
             Self::Unsure { .. } => "unsure",
             Self::NoShape => "no_shape",
+        }
+    }
+
+    /// Whether what is refused looks like a blade, only not well enough.
+    pub fn is_of_a_blade(&self) -> bool {
+        match self {
+            Self::TooFar
+            | Self::TooNear
+            | Self::TooNarrow { .. }
+            | Self::TooShort { .. }
+            | Self::TooSteep
+            | Self::Unsure { .. } => true,
+            Self::TooBroad | Self::Ragged { .. } | Self::Hidden | Self::Outside | Self::NoShape => false,
         }
     }
 }
@@ -160,9 +190,12 @@ pub fn accept(
     params: &AcceptParams,
 ) -> Result<(), Refusal> {
     if lifted.metres_per_px > MAX_M_PER_PX {
-        return Err(Refusal::TooFar { metres_per_px: lifted.metres_per_px });
+        return Err(Refusal::TooFar);
     }
-    if !lifted.within_region {
+    // What comes in from the border and ends as broad as it is anywhere is a piece of something longer.
+    let shows_its_end = lifted.pixels_across >= SHOWN_PX;
+    let is_piece = margins.from_border && shows_its_end && evidence.tip_blunt > BLUNT;
+    if !lifted.within_region || margins.at_border > MAX_AT_BORDER || is_piece {
         return Err(Refusal::Outside);
     }
     if lifted.length_m > MAX_STEEPNESS * lifted.length_px * lifted.metres_per_px {
@@ -177,10 +210,17 @@ pub fn accept(
     if lifted.length_m < params.min_length_m {
         return Err(Refusal::TooShort { found_m: lifted.length_m, needed_m: params.min_length_m });
     }
-    if lifted.length_m < MIN_ASPECT * lifted.max_width_m() {
+    let (width_m, aspect) = (lifted.max_width_m(), lifted.length_m / lifted.max_width_m());
+    let is_leaf = || evidence.tip_blunt < BLUNT && lifted.steepest_flank() < MAX_FLANK;
+    if aspect < MIN_ASPECT || width_m > params.max_width_m || width_m > BROAD_M && !is_leaf() {
         return Err(Refusal::TooBroad);
     }
-    let oddity = margins.oddity(lifted.length_px, lifted.length_m / lifted.max_width_m());
+    match margins.odd_at_window(MAX_ODDITY, lifted.length_px, aspect) {
+        Some(0) => return Err(Refusal::TooNear),
+        Some(_) => return Err(Refusal::TooFar),
+        None => {}
+    }
+    let oddity = margins.oddity(lifted.length_px, aspect);
     if oddity > MAX_ODDITY {
         return Err(Refusal::Ragged { oddity });
     }
@@ -189,6 +229,55 @@ pub fn accept(
         return Err(Refusal::Unsure { score, needed: params.min_score });
     }
     Ok(())
+}
+
+/// Labels of the blobs that no blade was `followed` on and that run away from the camera so steeply that each
+/// row of them lies at a depth of its own. O(pixels of the blobs without a blade).
+pub fn steep_blobs(mask: &Mask, followed: &[&Ribbon], camera: &CameraModel) -> Vec<u16> {
+    /// Metres of depth for a metre across the picture.
+    const STEEP: f32 = 1.5;
+    const DEEP_M: f32 = 0.03;
+    let mut passed = vec![false; mask.blobs.regions.len() + 1];
+    for ribbon in followed {
+        blobs_of(mask, ribbon).for_each(|label| passed[usize::from(label)] = true);
+    }
+    let is_steep = |blob: &&Region| {
+        let [x0, y0, x1, y1] = blob.bounds;
+        let pixels = (y0..y1).flat_map(|y| y * mask.width + x0..y * mask.width + x1);
+        let of_it = pixels.filter(|index| mask.blobs.of[*index] == blob.label);
+        let mut depths: Vec<f32> = of_it.map(|index| mask.depth_m[index]).collect();
+        depths.sort_unstable_by(f32::total_cmp);
+        let at = |share: f32| depths[(share * (depths.len() - 1) as f32) as usize];
+        let across_m = ((x1 - x0) as f32).hypot((y1 - y0) as f32) * at(0.5) / camera.fx as f32;
+        let deep_m = at(0.95) - at(0.05);
+        deep_m > DEEP_M && deep_m > STEEP * across_m
+    };
+    let alone = mask.blobs.regions.iter().filter(|blob| !passed[usize::from(blob.label)]);
+    alone.filter(is_steep).map(|blob| blob.label).collect()
+}
+
+/// The blobs that a ribbon passes, 0 for none, section by section.
+fn blobs_of<'a>(mask: &'a Mask, ribbon: &'a Ribbon) -> impl Iterator<Item = u16> + 'a {
+    let places = ribbon.sections.iter().filter_map(|section| mask.index_at(section.expected.mid));
+    places.map(|index| mask.blobs.of[index])
+}
+
+/// What a visitor can do something about. Of the crumbs of `steep` blobs it is said once that these are
+/// steep; and beside blades that were captured, what is more than twice as broad as all of them and no blade
+/// is what holds them.
+pub fn worth_saying(
+    mask: &Mask,
+    accepted: &[(&Lifted, Evidence)],
+    refused: &[(&Lifted, &Ribbon, Refusal)],
+    steep: &[u16],
+) -> Vec<Refusal> {
+    let widest = accepted.iter().map(|(lifted, _)| lifted.max_width_m()).reduce(f32::max);
+    let holds = |lifted: &Lifted, reason: &Refusal| {
+        !reason.is_of_a_blade() && widest.is_some_and(|widest| lifted.max_width_m() > 2.0 * widest)
+    };
+    let is_crumb = |ribbon: &Ribbon| blobs_of(mask, ribbon).any(|label| steep.contains(&label));
+    let worth = refused.iter().filter(|(lifted, ribbon, reason)| !holds(lifted, reason) && !is_crumb(ribbon));
+    steep.iter().map(|_| Refusal::TooSteep).chain(worth.map(|(_, _, reason)| *reason)).collect()
 }
 
 /// Refines skeletons in the blade frame and gives them their identities, in the capture that the frame at
@@ -299,7 +388,16 @@ mod tests {
             led: 0.0,
             steepness: 0.0,
         };
-        let margins = Margins { both: 1.0, cut: 0.0, unseen: 0.0, waver_px: 0.15, turning: 0.01 };
+        let margins = Margins {
+            both: 1.0,
+            cut: 0.0,
+            at_window: [0.0; 2],
+            at_border: 0.0,
+            from_border: false,
+            unseen: 0.0,
+            waver_px: 0.15,
+            turning: 0.01,
+        };
         (lifted, margins, evidence)
     }
 
@@ -329,8 +427,9 @@ mod tests {
             let row = document.lines().find(|line| line.starts_with(&format!("| `{code}` |")));
             assert!(row.is_some_and(|row| row.contains(advice)), "{code} is not documented: {sentence}");
         };
-        let checks: [(&str, Change); 10] = [
+        let checks: [(&str, Change); 11] = [
             ("too_far", |lifted, _, _| lifted.metres_per_px = 0.005),
+            ("too_near", |_, margins, _| (margins.cut, margins.at_window) = (0.9, [0.8, 0.0])),
             ("too_narrow", |lifted, _, _| lifted.pixels_across = 2.0),
             ("too_short", |lifted, _, _| (lifted.length_m, lifted.length_px) = (0.02, 22.0)),
             ("too_broad", |lifted, _, _| {

@@ -107,7 +107,9 @@ impl Blob {
     pub(super) fn lowest(&self, down: Vec2) -> Option<usize> {
         let mut lowest: Option<(f32, usize)> = None;
         for (y, row) in self.body.chunks(self.width).enumerate() {
-            for x in (0..row.len()).filter(|x| row[*x]) {
+            // Along a row it is one of the outermost ones.
+            let ends = [row.iter().position(|body| *body), row.iter().rposition(|body| *body)];
+            for x in ends.into_iter().flatten() {
                 let below = Vec2::new(x as f32, y as f32).dot(down);
                 if lowest.is_none_or(|(most, _)| below >= most) {
                     lowest = Some((below, y * self.width + x));

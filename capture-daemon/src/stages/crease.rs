@@ -5,7 +5,7 @@
 //! cross-section is folded there: else edges that lie far behind the crease would be told to be of
 //! something else.
 
-use common::geometry::smooth;
+use common::geometry::smooth::Penalised;
 use glam::Vec2;
 
 use super::mask::Mask;
@@ -122,16 +122,11 @@ impl Crease {
         if extents.iter().flatten().count() < MIN_ROWS {
             return None;
         }
-        let weights: Vec<f64> =
-            extents.iter().map(|extent| if extent.is_some() { 1.0 } else { 0.0 }).collect();
-        let edges = smooth::Penalised::new(&weights, EDGE_WAVELENGTH_PX);
-        let edge = |side: usize| {
-            let known = |extent: &Option<[f32; 2]>| extent.map_or(0.0, |edges| f64::from(edges[side]));
-            edges.smooth(&extents.iter().map(known).collect::<Vec<f64>>())
-        };
-        let (left, right) = (edge(0), edge(1));
-        let middle_px: Vec<f64> = left.iter().zip(&right).map(|(l, r)| 0.5 * (l + r)).collect();
-        let half_px: Vec<f64> = left.iter().zip(&right).map(|(l, r)| (0.5 * (r - l)).max(0.3)).collect();
+        let weights = extents.iter().map(|extent| [if extent.is_some() { 1.0 } else { 0.0 }; 2]).collect();
+        let edges = extents.iter().map(|extent| extent.map_or([0.0; 2], |edges| edges.map(f64::from)));
+        let edges = Penalised::new(weights, [EDGE_WAVELENGTH_PX; 2]).smooth(edges.collect());
+        let middle_px: Vec<f64> = edges.iter().map(|[left, right]| 0.5 * (left + right)).collect();
+        let half_px: Vec<f64> = edges.iter().map(|[left, right]| (0.5 * (right - left)).max(0.3)).collect();
         let row = |i: usize| Row::read(mask, sections, i, extents[i]?, middle_px[i], half_px[i]);
         let rows: Vec<Row> = (0..sections.len()).filter_map(row).collect();
         let depths = sections.iter().map(|section| f64::from(section.expected.depth_m));

@@ -40,7 +40,7 @@ impl Default for HandParams {
     }
 }
 
-/// Finds the pixels of hands. All `false` where there is no hand. O(pixels).
+/// Finds the pixels of hands. None where there is no hand. O(pixels).
 ///
 /// What is connected without a large step in depth is a body. Its thick parts, where these reach the
 /// border of the region and are large and round there, and what stands out from them by no more than a finger, are hand. Pieces tell
@@ -48,16 +48,16 @@ impl Default for HandParams {
 /// something long grows out of it; one that lies mostly elsewhere is a blade that the hand grips, but for a
 /// round fist that many blades are of one piece with.
 pub(super) fn find(mask: &Mask, focal_px: f32, params: &HandParams) -> Vec<bool> {
-    let mut hand = vec![false; mask.depth_m.len()];
     let view = View { mask, focal_px };
     if view.border_m() < params.min_border_m {
-        return hand;
+        return Vec::new();
     }
     let bodies = view.bodies();
     let Thick { thick, core, depth_in } = view.thick(&bodies, params);
     if !thick.contains(&true) {
-        return hand;
+        return Vec::new();
     }
+    let mut hand = vec![false; mask.depth_m.len()];
     let from_thick = chamfer(mask, |index| thick[index]);
     let beside = |index: usize, metres: f32| from_thick[index] as f32 <= 12.0 * metres * view.px_per_m(index);
     let (pieces, count) = view.parted_pieces();

@@ -33,6 +33,18 @@ impl Lifted {
         self.knots_in_camera.iter().map(Knot::width).fold(0.0, f32::max)
     }
 
+    /// The most that its width changes along its midrib but for the ends, metres for a metre.
+    pub fn steepest_flank(&self) -> f32 {
+        const APART: usize = 6;
+        let knots = &self.knots_in_camera;
+        let inner = &knots[knots.len() / 10..knots.len() - knots.len() / 10];
+        let step = |pair: &[Knot]| {
+            let (from, to) = (&pair[0], &pair[APART]);
+            (to.width() - from.width()).abs() / from.position.distance(to.position).max(f32::MIN_POSITIVE)
+        };
+        inner.windows(APART + 1).map(step).fold(0.0, f32::max)
+    }
+
     /// How far to the right of the camera its root is, metres.
     pub fn root_x_m(&self) -> f32 {
         self.knots_in_camera[0].position.x

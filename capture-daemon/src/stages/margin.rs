@@ -1,6 +1,8 @@
 //! Ribbon → how its outline looks, and what lies beyond it: what tells a blade from a ragged stretch of
 //! something larger.
 
+use glam::Vec2;
+
 use super::mask::{Mask, depth_step_m};
 use super::ribbon::{Ribbon, Section};
 use super::section::{Expected, Middle};
@@ -13,6 +15,13 @@ pub struct Margins {
     /// Share of the edges that are none in space, 0..=1: there its surface leaves the depth window or the
     /// region, or goes on beyond a gap without readings.
     pub cut: f32,
+    /// Share of the edges that lie so near to the nearest or farthest depth that counts, 0..=1, that its
+    /// surface may go on there; they are among those that are cut.
+    pub at_window: [f32; 2],
+    /// Share of the edges at the border of the region, 0..=1.
+    pub at_border: f32,
+    /// Whether its root lies at the border of the region.
+    pub from_border: bool,
     /// Share of the edges beyond which nothing can be seen, 0..=1.
     pub unseen: f32,
     /// How far an edge is from where the smooth blade has it, pixels, mean.
@@ -24,15 +33,24 @@ pub struct Margins {
 
 impl Margins {
     /// How little an outline is that of a blade, from 0: the sum of the squares of what is odd about it,
-    /// each over what blades hardly show. Blades of the synthetic families are below 1.4, nearly all below 0.5;
-    /// leaves of a real sorghum in single frames are below 1.8, but for one at the end of the depth window
-    /// with 2.37; ragged stretches of dense crops are seldom below 2.4. The less there is of an
-    /// outline (`length_px`: of the midrib; `aspect`: length over width), the better it has to be.
+    /// each over what blades hardly show. The less there is of an outline (`length_px`: of the midrib; `aspect`: length over width), the better it has to be.
     pub fn oddity(&self, length_px: f32, aspect: f32) -> f32 {
+        self.oddity_but(self.cut, length_px, aspect)
+    }
+
+    /// Near to which end of the depth window it is odd, and only there: 0 the nearest, 1 the farthest.
+    pub fn odd_at_window(&self, most: f32, length_px: f32, aspect: f32) -> Option<usize> {
+        let [near, far] = self.at_window;
+        let end = usize::from(far > near);
+        let is_odd = self.oddity(length_px, aspect) > most;
+        (is_odd && self.oddity_but(self.cut - near - far, length_px, aspect) <= most).then_some(end)
+    }
+
+    fn oddity_but(&self, cut: f32, length_px: f32, aspect: f32) -> f32 {
         let odd = [
             self.waver_px / 0.6,
             self.turning / 0.25,
-            self.cut / 0.4,
+            cut / 0.4,
             self.unseen / 0.8,
             (1.0 - self.both) / 0.6,
             2.5 / aspect.max(f32::MIN_POSITIVE),
@@ -47,6 +65,10 @@ impl Margins {
 enum Beyond {
     /// Something farther or nearer.
     Apart,
+    /// The border of the region.
+    Border,
+    /// What is not within the window, whose nearest depth (or farthest, 1) it is near to.
+    Window(usize),
     /// The same surface, or it would be if we had not cut it there.
     Level,
     /// Nothing that can be seen.
@@ -63,8 +85,11 @@ enum Beyond {
 /// edges.
 pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
     const APART: usize = 4;
+    /// A root so near to the border comes in from there.
+    const ROOT_PX: f32 = 4.0;
     let own = |section: &Section| section.guide_px.is_none() && section.measured.middle == Middle::Blade;
-    let [mut sections, mut both, mut edges, mut level, mut unseen, mut waver] = [0.0_f32; 6];
+    let [mut sections, mut both, mut edges, mut level, mut unseen, mut waver, mut border] = [0.0_f32; 7];
+    let mut at_window = [0.0_f32; 2];
     for section in ribbon.sections.iter().filter(|section| own(section)) {
         let (expected, measured) = (&section.expected, &section.measured);
         sections += 1.0;
@@ -76,6 +101,8 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
             match beyond(mask, expected, edge, side, window_m) {
                 Beyond::Apart => {}
                 Beyond::Level => level += 1.0,
+                Beyond::Border => border += 1.0,
+                Beyond::Window(end) => at_window[end] += 1.0,
                 Beyond::Unseen => unseen += 1.0,
             }
         }
@@ -87,9 +114,15 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
         turns += 1.0;
     }
     let share = |part: f32, all: f32| part / f32::max(all, 1.0);
+    let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32);
+    let at_border =
+        |mid: Vec2| (mid.x - x0).min(mid.y - y0).min(x1 - 1.0 - mid.x).min(y1 - 1.0 - mid.y) < ROOT_PX;
     Margins {
         both: share(both, sections),
-        cut: share(level, edges),
+        cut: share(level + border + at_window[0] + at_window[1], edges),
+        at_window: at_window.map(|count| share(count, edges)),
+        at_border: share(border, edges),
+        from_border: ribbon.sections.first().is_some_and(|root| at_border(root.expected.mid)),
         unseen: share(unseen, edges),
         waver_px: share(waver, edges),
         turning: share(turning, turns),
@@ -103,21 +136,21 @@ fn beyond(mask: &Mask, expected: &Expected, edge_px: f32, side: f32, [near, far]
     const SMEAR_PX: i32 = 3;
     let depth = expected.depth_at(edge_px);
     let limit = depth_step_m(depth);
-    let at_limit = depth > far - limit || depth < near + limit;
+    let at_limit = if depth > far - limit { Some(1) } else { (depth < near + limit).then_some(0) };
     let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32);
     for k in 1..=REACH_PX {
         let point = expected.mid + expected.across * (edge_px + side * k as f32);
         if point.x < x0 || point.y < y0 || point.x > x1 - 1.0 || point.y > y1 - 1.0 {
-            return Beyond::Level;
+            return Beyond::Border;
         }
-        let Some(index) = mask.index_at(point) else { return Beyond::Level };
+        let Some(index) = mask.index_at(point) else { return Beyond::Border };
         let seen = mask.depth_m[index];
         if seen <= 0.0 || mask.occupancy[index] < 0.3 {
             if mask.unseen[index] {
                 continue;
             }
             // A reading outside of the window.
-            return if at_limit { Beyond::Level } else { Beyond::Apart };
+            return at_limit.map_or(Beyond::Apart, Beyond::Window);
         }
         let alike = (seen - depth).abs() <= expected.tolerance_m;
         if k > SMEAR_PX || !alike && seen < depth {
@@ -129,8 +162,6 @@ fn beyond(mask: &Mask, expected: &Expected, edge_px: f32, side: f32, [near, far]
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec2;
-
     use super::*;
     use crate::frame::{CameraModel, DepthFrame};
     use crate::stages::accumulate::Accumulation;

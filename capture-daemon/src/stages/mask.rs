@@ -168,7 +168,7 @@ pub struct Mask {
     pub depth_m: Vec<f32>,
     /// Noise of that mean, metres, one standard deviation.
     pub depth_noise_m: f32,
-    /// The hand and forearm that hold the blades; they are in no region.
+    /// The hand and forearm that hold the blades; they are in no region. Empty where there is none.
     pub hand: Vec<bool>,
     /// Connected regions, from the largest to the smallest.
     pub blobs: Labels,
@@ -186,10 +186,25 @@ impl Mask {
         inside.then(|| y as i32 as usize * self.width + x as i32 as usize)
     }
 
+    /// Whether a hand holds the blades.
+    pub(super) fn has_hand(&self) -> bool {
+        self.hand.contains(&true)
+    }
+
+    /// Whether a pixel is of a hand.
+    pub(super) fn is_hand(&self, index: usize) -> bool {
+        self.hand.get(index) == Some(&true)
+    }
+
+    /// The rows of the pixels within [`Self::seen`].
+    pub(super) fn rows_seen(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let ([x0, y0, x1, y1], width) = (self.seen, self.width);
+        (y0..y1).map(move |y| y * width + x0..y * width + x1)
+    }
+
     /// The pixels within [`Self::seen`], row by row.
     pub(super) fn pixels_seen(&self) -> impl Iterator<Item = usize> + use<> {
-        let ([x0, y0, x1, y1], width) = (self.seen, self.width);
-        (y0..y1).flat_map(move |y| y * width + x0..y * width + x1)
+        self.rows_seen().flatten()
     }
 
     /// The centre of a pixel.
@@ -226,12 +241,11 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         unseen,
         depth_m: vec![0.0; width * height],
         depth_noise_m: 0.0,
-        hand: vec![false; width * height],
+        hand: Vec::new(),
         blobs: Labels::none(width * height),
         pieces: Labels::none(width * height),
     };
-    let [x0, y0, x1, y1] = mask.seen;
-    for row in (y0..y1).map(|y| y * width + x0..y * width + x1) {
+    for row in mask.rows_seen() {
         for (index, hits) in row.clone().zip(&accumulation.hits[row]).filter(|(_, hits)| **hits > 0) {
             mask.occupancy[index] = f32::from(*hits) / frames;
             mask.depth_m[index] = accumulation.mean_m(index);
@@ -240,13 +254,13 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
     bridge_gaps(&mut mask, params.bridge_px);
     let mut bodies = label_bodies(&mut mask, params.min_area_px);
     mask.depth_noise_m = depth_noise_m(&mask);
-    let mut pieces = label_pieces(&mut mask, accumulation);
+    let mut pieces = label_pieces(&mut mask, &bodies, accumulation);
     mask.hand = hand::find(&mask, accumulation.focal_px, &HandParams::default());
-    if mask.hand.contains(&true) {
+    if mask.has_hand() {
         mask.blobs = Labels::none(width * height);
         mask.pieces = Labels::none(width * height);
         bodies = label_bodies(&mut mask, params.min_area_px);
-        pieces = label_pieces(&mut mask, accumulation);
+        pieces = label_pieces(&mut mask, &bodies, accumulation);
     }
     mask.blobs.grow_fringes(&bodies, mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
     mask.pieces.grow_fringes(&pieces, mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
@@ -276,11 +290,16 @@ fn bridge_gaps(mask: &mut Mask, longest: usize) {
     };
     // Where a gap begins, for each direction.
     let mut starts: [Vec<usize>; 4] = Default::default();
-    for start in mask.pixels_seen().filter(|start| occupied(*start)) {
-        for (direction, starts) in directions.into_iter().zip(&mut starts) {
-            let next = start.wrapping_add_signed(direction.0 + direction.1 * width as isize);
-            if mask.unseen.get(next) == Some(&true) {
-                starts.push(start);
+    for row in mask.rows_seen() {
+        for (start, occupancy) in row.clone().zip(&mask.occupancy[row]) {
+            if *occupancy < BODY_OCCUPANCY {
+                continue;
+            }
+            for (direction, starts) in directions.into_iter().zip(&mut starts) {
+                let next = start.wrapping_add_signed(direction.0 + direction.1 * width as isize);
+                if mask.unseen.get(next) == Some(&true) {
+                    starts.push(start);
+                }
             }
         }
     }
@@ -327,15 +346,15 @@ pub(super) fn neighbours(index: usize, width: usize, region: [usize; 4]) -> impl
 }
 
 fn label_bodies(mask: &mut Mask, min_area_px: usize) -> Vec<Component> {
-    let body = |index: usize| mask.occupancy[index] >= BODY_OCCUPANCY && !mask.hand[index];
+    let body = |index: usize| mask.occupancy[index] >= BODY_OCCUPANCY && !mask.is_hand(index);
     let surface = |a: usize, b: usize| agree(mask.depth_m[a], mask.depth_m[b]);
     let mut found = components::find(mask, body, surface);
     found.retain(|component| component.area_px() >= min_area_px);
     // In the order of their first pixels they are already.
     found.sort_by_key(|component| std::cmp::Reverse(component.area_px()));
     // Knuckles stand out from the hand, but not far.
-    if mask.hand.contains(&true) {
-        let from_hand = hand::chamfer(mask, |index| mask.hand[index]);
+    if mask.has_hand() {
+        let from_hand = hand::chamfer(mask, |index| mask.is_hand(index));
         found.retain(|component| {
             let far = component.pixels().map(|index| from_hand[index]).max().unwrap_or(0);
             let near = component.pixels().map(|index| from_hand[index]).min().unwrap_or(u32::MAX);
@@ -349,9 +368,8 @@ fn label_bodies(mask: &mut Mask, min_area_px: usize) -> Vec<Component> {
 /// Noise of the mean depth, metres: from the bend of depth over three neighbouring pixels, whose
 /// variance is 1.5 times that of one pixel. A surface's own curvature is far smaller.
 fn depth_noise_m(mask: &Mask) -> f32 {
-    let ([x0, y0, x1, y1], width) = (mask.seen, mask.width);
     let mut bends: Vec<f32> = Vec::new();
-    for row in (y0..y1).map(|y| y * width + x0..y * width + x1) {
+    for row in mask.rows_seen() {
         let labels = mask.blobs.of[row.clone()].windows(3);
         let alike = labels
             .zip(mask.depth_m[row].windows(3))
@@ -374,20 +392,35 @@ pub fn fine_step_m(noise_m: f32) -> f32 {
 /// Pieces smaller than this are the crumbs of an edge, pixels.
 const MIN_PIECE_PX: usize = 24;
 
-fn label_pieces(mask: &mut Mask, accumulation: &Accumulation) -> Vec<Component> {
+fn label_pieces(mask: &mut Mask, bodies: &[Component], accumulation: &Accumulation) -> Vec<Component> {
     let step = fine_step_m(mask.depth_noise_m);
     // A pixel that showed one surface in some frames and another in others has a mean between both.
-    let on_blob = || mask.pixels_seen().filter(|index| mask.blobs.of[*index] != 0);
-    let spreads: Vec<f32> = on_blob().map(|index| accumulation.spread_m(index)).collect();
-    let mut typical: Vec<f32> = spreads.iter().copied().filter(|spread| *spread > 0.0).collect();
+    // It is farther from its mean than this many times what pixels mostly are.
+    const MOST: f32 = 2.2;
+    let on_blob = || bodies.iter().flat_map(Component::runs);
+    let variances: Vec<f32> = on_blob().flatten().map(|index| accumulation.variance(index)).collect();
+    let mut typical: Vec<f32> = variances.iter().copied().filter(|variance| *variance > 0.0).collect();
     let middle = typical.len() / 2;
     let limit = if mask.frames >= 4 && !typical.is_empty() {
-        2.2 * *typical.select_nth_unstable_by(middle, f32::total_cmp).1
+        MOST * MOST * *typical.select_nth_unstable_by(middle, f32::total_cmp).1
     } else {
         f32::INFINITY
     };
-    let mut clean = vec![false; mask.seen[3] * mask.width];
-    on_blob().zip(&spreads).for_each(|(index, spread)| clean[index] = *spread <= limit);
+    let clean_end = mask.seen[3] * mask.width;
+    let mut clean = vec![false; clean_end];
+    // What lies beside a step is of no piece, so that outlines run along steps that end within a piece. In
+    // a single frame noise makes such steps too.
+    let noisy = mask.frames < 4;
+    let level = |index: usize, next: usize| {
+        let alike = noisy || next >= clean_end || mask.blobs.of[next] != mask.blobs.of[index];
+        alike || (mask.depth_m[index] - mask.depth_m[next]).abs() <= step
+    };
+    let mut variances = variances.iter();
+    for run in on_blob() {
+        for (index, variance) in run.zip(&mut variances) {
+            clean[index] = *variance <= limit && level(index, index + 1) && level(index, index + mask.width);
+        }
+    }
     let clean = |index: usize| clean[index];
     let same = |a: usize, b: usize| {
         mask.blobs.of[a] == mask.blobs.of[b] && (mask.depth_m[a] - mask.depth_m[b]).abs() <= step

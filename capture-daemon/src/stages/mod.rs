@@ -4,6 +4,7 @@
 //! bits.
 
 pub mod accumulate;
+mod bend;
 pub mod blade;
 pub mod blob;
 mod buckets;
@@ -11,6 +12,7 @@ mod chamfer;
 mod components;
 pub mod confidence;
 pub mod contour;
+pub mod cover;
 pub mod crease;
 mod crossing;
 pub mod hand;
@@ -19,6 +21,7 @@ pub mod lift;
 pub mod margin;
 pub mod mask;
 mod motion;
+pub mod outside;
 pub mod partition;
 pub mod presence;
 mod ray;

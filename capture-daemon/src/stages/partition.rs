@@ -120,9 +120,11 @@ fn walk(
     params: &PartitionParams,
 ) -> Option<(Field, Option<Walk>)> {
     let blob = Blob::of(mask, labels, label)?;
-    let grip = blob.beside(|index| mask.hand.get(index) == Some(&true), mask.width);
-    if grip.len() >= MIN_BORDER_PX {
-        return Some((blob.distance_from(&grip), None));
+    if mask.has_hand() {
+        let grip = blob.beside(|index| mask.is_hand(index), mask.width);
+        if grip.len() >= MIN_BORDER_PX {
+            return Some((blob.distance_from(&grip), None));
+        }
     }
     if let Some(border) = blob.border(mask.region) {
         let stem = towards_stem(mask, &blob, &border);

@@ -26,12 +26,20 @@ pub(super) fn count(row: &[u16], window: &std::ops::RangeInclusive<u16>) -> usiz
 
 /// Looks at one frame. O(pixels of the region).
 pub fn presence(frame: &DepthFrame, params: &MaskParams) -> Presence {
-    let window = params.window(frame);
+    within(frame, params, &params.window(frame))
+}
+
+/// The same for readings within another window.
+pub(super) fn within(
+    frame: &DepthFrame,
+    params: &MaskParams,
+    window: &std::ops::RangeInclusive<u16>,
+) -> Presence {
     let [x0, y0, x1, y1] = params.region(frame.width, frame.height);
     let (mut area, mut sum_x, mut sum_y) = (0, 0, 0);
     for y in y0..y1 {
         let row = &frame.depth[y * frame.width + x0..y * frame.width + x1];
-        let in_row = count(row, &window);
+        let in_row = count(row, window);
         if in_row == 0 {
             continue;
         }

@@ -20,6 +20,9 @@ pub(super) struct Ray {
     pub(super) half_px: f32,
     /// What that gains each pixel on.
     pub(super) taper: f32,
+    /// The same two of a parabola over a longer stretch: towards its tip a blade narrows faster and faster.
+    pub(super) curved_half_px: f32,
+    pub(super) curved_taper: f32,
     /// Sections of the stretch.
     pub(super) length: usize,
 }
@@ -29,11 +32,12 @@ impl Ray {
     pub(super) fn of<'a>(inward: impl ExactSizeIterator<Item = &'a Section>) -> Option<Self> {
         const WINDOW: usize = 50;
         const WIDTH_WINDOW: usize = 30;
+        const CURVED_WINDOW: usize = 40;
         let length = inward.len();
         if length < 16 {
             return None;
         }
-        let [mut x, mut y, mut z, mut half] = [Parabola::default(); 4];
+        let [mut x, mut y, mut z, mut half, mut curved] = [Parabola::default(); 5];
         for (i, section) in inward.take(WINDOW).enumerate() {
             let (s, mid) = (-(i as f64), section.middle());
             let weight = f64::from(section.weight());
@@ -45,10 +49,14 @@ impl Ray {
             if section.edges_seen() == 2 && i < WIDTH_WINDOW {
                 half.add(s, section.expected.half_px.into(), 1.0);
             }
+            if section.edges_seen() == 2 && i < CURVED_WINDOW {
+                curved.add(s, section.expected.half_px.into(), 1.0);
+            }
         }
         // A curvature of 1/100 px has to be worth its readings.
         let curve = |fit: &Parabola| fit.solve(2, 2000.0);
         let (x, y, z, half) = (curve(&x)?, curve(&y)?, curve(&z)?, half.solve(1, 0.0)?);
+        let curved = curved.solve(2, 400.0)?;
         Some(Self {
             from: Vec2::new(x[0] as f32, y[0] as f32),
             along: Vec2::new(x[1] as f32, y[1] as f32).try_normalize()?,
@@ -56,6 +64,8 @@ impl Ray {
             climb_m: z[1] as f32,
             half_px: half[0].max(0.5) as f32,
             taper: half[1] as f32,
+            curved_half_px: curved[0].max(0.5) as f32,
+            curved_taper: curved[1] as f32,
             length,
         })
     }

@@ -15,7 +15,7 @@ use super::seed::seed;
 use super::settle::{moved, settle, settle_roughly};
 use super::stem;
 use super::trend::Trend;
-use super::tuft;
+use super::tuft::{self, Ground};
 
 /// A cross-section of a ribbon, about a pixel from the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,8 +94,9 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     join(mask, &mut ribbons, params);
     crossing::join(mask, &mut ribbons);
     ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
-    let attached = stem::attach(mask, &mut ribbons, fields, params);
-    tuft::gather(mask, &mut ribbons, params);
+    let ground = Ground::of(mask, params.down);
+    let attached = stem::attach(mask, &mut ribbons, fields, &ground, params);
+    tuft::gather(mask, &mut ribbons, &ground, params);
     ribbons.extend(attached);
     for ribbon in &mut ribbons {
         for wavelength_px in [24.0, MIDRIB_WAVELENGTH_PX] {
@@ -284,7 +285,7 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
         if !(x >= x0 && y >= y0 && x <= x1 - 1.0 && y <= y1 - 1.0) {
             break End::Shared;
         }
-        if mask.index_at(expected.mid).is_some_and(|index| mask.hand[index]) {
+        if mask.index_at(expected.mid).is_some_and(|index| mask.is_hand(index)) {
             break End::Shared;
         }
         let mut section =

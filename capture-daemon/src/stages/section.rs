@@ -1,7 +1,7 @@
 //! One cross-section of a blade: where its edges are and how deep it lies, told from what is before
 //! it, behind it and beside it.
 
-use glam::Vec2;
+use glam::{Vec2, Vec4};
 
 use super::mask::Mask;
 
@@ -91,23 +91,86 @@ enum Sight {
     Empty,
 }
 
-/// What a cross-section shows at multiples of [`STEP_PX`], each looked up once.
-struct Sights<'a> {
+/// A cross-section laid over the mask, in steps of [`STEP_PX`] from its middle.
+struct Line<'a> {
     expected: &'a Expected,
     mask: &'a Mask,
+    /// Where the middle lies in the image, from the corner of the first pixel, and how far the next step is: x and
+    /// y, in pixels times 2¹⁶. Whole numbers are the fastest to find a pixel by.
+    from: [i32; 2],
+    step: [i32; 2],
+    /// What it shows at each step, looked up once.
     known: [Option<Sight>; 2 * KEPT_STEPS + 1],
 }
 
 /// Steps to either side that are kept.
 const KEPT_STEPS: usize = 160;
+/// Bits of [`Line`]'s numbers below a pixel.
+const FRACTION: u32 = 16;
 
-impl Sights<'_> {
+impl<'a> Line<'a> {
+    fn new(expected: &'a Expected, mask: &'a Mask) -> Self {
+        // Far outside of the image the cast saturates, and is far outside all the same.
+        let fixed = |px: f32| (px * (1 << FRACTION) as f32) as i32;
+        let Expected { mid, across, .. } = expected;
+        Self {
+            expected,
+            mask,
+            from: [fixed(mid.x + 0.5), fixed(mid.y + 0.5)],
+            step: [fixed(across.x * STEP_PX), fixed(across.y * STEP_PX)],
+            known: [None; 2 * KEPT_STEPS + 1],
+        }
+    }
+
+    /// Where a step lies, as [`Self::from`].
+    fn place(&self, step: i32) -> [i32; 2] {
+        [0, 1].map(|axis| self.from[axis].wrapping_add(step.wrapping_mul(self.step[axis])))
+    }
+
+    /// The pixel at a step.
+    fn index(&self, step: i32) -> Option<usize> {
+        // What is negative is far too large as an unsigned number.
+        let [x, y] = self.place(step).map(|at| (at >> FRACTION) as usize);
+        (x < self.mask.width && y < self.mask.height).then(|| y * self.mask.width + x)
+    }
+
     fn at(&mut self, step: i32) -> Sight {
-        let t = step as f32 * STEP_PX;
-        let Some(known) = self.known.get_mut((step + KEPT_STEPS as i32) as usize) else {
-            return self.expected.sight(self.mask, t);
-        };
-        *known.get_or_insert_with(|| self.expected.sight(self.mask, t))
+        match self.known.get((step + KEPT_STEPS as i32) as usize) {
+            Some(Some(known)) => *known,
+            Some(None) => {
+                let sight = self.look(step);
+                self.known[(step + KEPT_STEPS as i32) as usize] = Some(sight);
+                sight
+            }
+            None => self.look(step),
+        }
+    }
+
+    fn look(&self, step: i32) -> Sight {
+        let (mask, expected) = (self.mask, self.expected);
+        let Some(index) = self.index(step) else { return Sight::Empty };
+        let depth = mask.depth_m[index];
+        if depth <= 0.0 || mask.occupancy[index] < 0.08 {
+            return if mask.unseen[index] { Sight::Unseen } else { Sight::Empty };
+        }
+        let away = depth - expected.depth_at(step as f32 * STEP_PX);
+        if away < -expected.tolerance_m {
+            Sight::Nearer
+        } else if away > expected.tolerance_m {
+            Sight::Farther
+        } else {
+            Sight::Blade
+        }
+    }
+
+    /// Share of the point at a step that is of the blade, bilinear; `against`: depth of what is behind its edge.
+    fn coverage(&self, step: i32, against: Option<f32>) -> f32 {
+        const HALF: i32 = 1 << (FRACTION - 1);
+        let [x, y] = self.place(step).map(|at| at.wrapping_sub(HALF));
+        let [column, row] = [x, y].map(|at| (at >> FRACTION) as usize);
+        let below = |at: i32| (at & ((1 << FRACTION) - 1)) as f32 * (1.0 / (1 << FRACTION) as f32);
+        let here = self.expected.depth_at(step as f32 * STEP_PX);
+        self.expected.covered(self.mask, [column, row], [below(x), below(y)], here, against)
     }
 }
 
@@ -118,31 +181,15 @@ impl Expected {
         self.depth_m + self.slope_m * t + slope_m * ((t - at_px).abs() - at_px.abs())
     }
 
-    fn sight(&self, mask: &Mask, t: f32) -> Sight {
-        let Some(index) = mask.index_at(self.mid + self.across * t) else { return Sight::Empty };
-        let depth = mask.depth_m[index];
-        if depth <= 0.0 || mask.occupancy[index] < 0.08 {
-            return if mask.unseen[index] { Sight::Unseen } else { Sight::Empty };
-        }
-        let away = depth - self.depth_at(t);
-        if away < -self.tolerance_m {
-            Sight::Nearer
-        } else if away > self.tolerance_m {
-            Sight::Farther
-        } else {
-            Sight::Blade
-        }
-    }
-
     /// Measures the cross-section. O(width).
     pub fn measure(&self, mask: &Mask) -> Measured {
-        let mut sights = Sights { expected: self, mask, known: [None; 2 * KEPT_STEPS + 1] };
-        let middle = self.middle(&mut sights);
+        let mut line = Line::new(self, mask);
+        let middle = self.middle(&mut line);
         if middle != Middle::Blade {
             return Measured::nothing(middle);
         }
-        let left = self.edge(&mut sights, -1);
-        let right = self.edge(&mut sights, 1);
+        let left = self.edge(&mut line, -1);
+        let right = self.edge(&mut line, 1);
         let inner = (
             left.map_or(-0.6 * self.half_px, |l| l + RIM_PX).min(0.0),
             right.map_or(0.6 * self.half_px, |r| r - RIM_PX).max(0.0),
@@ -152,14 +199,14 @@ impl Expected {
         let mut aways: Vec<f32> = Vec::with_capacity((last - first + 1) as usize);
         let mut moments = [0.0; 2];
         let mut before = usize::MAX;
-        for k in first..=last {
-            let point = self.mid + self.across * k as f32;
-            let Some(index) = mask.index_at(point) else { continue };
+        const STEPS_PER_PX: i32 = (1.0 / STEP_PX) as i32;
+        for step in (first..=last).map(|k| k * STEPS_PER_PX) {
+            let Some(index) = line.index(step) else { continue };
             if index == before || mask.occupancy[index] <= 0.85 {
                 continue;
             }
-            let pixel = Vec2::new((point.x + 0.5) as i32 as f32, (point.y + 0.5) as i32 as f32);
-            let t = (pixel - self.mid).dot(self.across);
+            let [x, y] = line.place(step).map(|at| (at >> FRACTION) as f32);
+            let t = (Vec2::new(x, y) - self.mid).dot(self.across);
             let away = mask.depth_m[index] - self.depth_at(t);
             if away.abs() <= self.tolerance_m {
                 aways.push(away);
@@ -180,8 +227,8 @@ impl Expected {
         }
     }
 
-    fn middle(&self, sights: &mut Sights) -> Middle {
-        match sights.at(0) {
+    fn middle(&self, line: &mut Line) -> Middle {
+        match line.at(0) {
             Sight::Blade => return Middle::Blade,
             Sight::Nearer => return Middle::Hidden,
             Sight::Farther | Sight::Unseen | Sight::Empty => {}
@@ -189,7 +236,7 @@ impl Expected {
         // The blade counts wherever it is seen near the middle: its midrib may be off a little.
         let reach = (0.5 * self.half_px).max(self.search_px.min(self.half_px + 1.0)).max(0.75);
         let count = (reach / STEP_PX) as i32;
-        let mut has = |sight| (-count..=count).any(|step| sights.at(step) == sight);
+        let mut has = |sight| (-count..=count).any(|step| line.at(step) == sight);
         if has(Sight::Blade) {
             Middle::Blade
         } else if has(Sight::Nearer) {
@@ -201,47 +248,50 @@ impl Expected {
         }
     }
 
+    /// How far from the middle an edge may be, steps.
+    fn search_limit(&self) -> i32 {
+        ((self.half_px + self.search_px) / STEP_PX) as i32
+    }
+
     /// Where the blade ends to one side (−1 left, 1 right), as an offset along `across`.
-    fn edge(&self, sights: &mut Sights, side: i32) -> Option<f32> {
-        let limit = self.half_px + self.search_px;
+    fn edge(&self, line: &mut Line, side: i32) -> Option<f32> {
+        const SMEAR: i32 = (SMEAR_PX / STEP_PX) as i32;
+        let limit = self.search_limit();
         // From the blade's pixel nearest to the middle outward to the last one.
         let mut k = 0;
-        while sights.at(side * k) != Sight::Blade {
+        while line.at(side * k) != Sight::Blade {
             k += 1;
-            if k as f32 * STEP_PX > limit {
+            if k > limit {
                 // All of it lies to the other side.
-                return self.far_edge(sights, side);
+                return self.far_edge(line, side);
             }
         }
         let start = k;
         // A gap of 1.5 px is missed by no stride of 1.5 px.
-        const STRIDE: i32 = 3;
-        let stride_limit = limit + SMEAR_PX - STRIDE as f32 * STEP_PX;
-        while k as f32 * STEP_PX <= stride_limit && sights.at(side * (k + STRIDE)) == Sight::Blade {
-            k += STRIDE;
+        const GAP: i32 = (1.5 / STEP_PX) as i32;
+        while k + GAP <= limit + SMEAR && line.at(side * (k + GAP)) == Sight::Blade {
+            k += GAP;
         }
         let mut last = k;
-        while (k as f32) * STEP_PX <= limit + SMEAR_PX {
-            match sights.at(side * k) {
+        while k <= limit + SMEAR {
+            match line.at(side * k) {
                 Sight::Blade => last = k,
-                _ if (k - last) as f32 * STEP_PX > 1.5 => break,
+                _ if k - last > GAP => break,
                 _ => {}
             }
             k += 1;
         }
-        if last as f32 * STEP_PX > limit {
+        if last > limit {
             return None;
         }
-        let mut beyond = |steps: i32| sights.at(side * (last + steps));
+        let mut beyond = |steps: i32| line.at(side * (last + steps));
         const SHADOW: i32 = ((1.5 + SHADOW_PX) / STEP_PX) as i32;
-        // What is nearer is no narrower than a pixel.
-        let every_other = (0..(SHADOW + 1) / 2).map(|k| 2 * k + 1);
-        if let Some(nearer) = every_other.into_iter().find(|j| beyond(*j) == Sight::Nearer) {
-            // Hidden, unless what is nearer begins only behind a stretch of plain background.
-            let background = (1..=8).find(|j| beyond(*j) == Sight::Empty);
-            if background.is_none_or(|b| nearer < b + 2) {
-                return None;
-            }
+        // Hidden, unless what is nearer begins only behind a stretch of plain background. It is no narrower than
+        // a pixel.
+        let background = (1..=8).find(|j| beyond(*j) == Sight::Empty);
+        let mut hiding = (1..=background.map_or(SHADOW, |b| SHADOW.min(b + 1))).step_by(2);
+        if hiding.any(|j| beyond(j) == Sight::Nearer) {
+            return None;
         }
         // A shadow that what is nearer throws on the blade can be long at a slant.
         let shadowed = (2..=40).map(&mut beyond).find(|sight| !matches!(sight, Sight::Unseen | Sight::Blade));
@@ -249,68 +299,67 @@ impl Expected {
             return None;
         }
         // Beyond the smear of the edge stands what it is seen against.
-        let mask = sights.mask;
+        let mask = line.mask;
         let against = (4..=8).find_map(|j| {
             let step = side * (last + j);
-            if sights.at(step) != Sight::Farther {
+            if line.at(step) != Sight::Farther {
                 return None;
             }
-            let index = mask.index_at(self.mid + self.across * (step as f32 * STEP_PX))?;
+            let index = line.index(step)?;
             (mask.occupancy[index] > 0.85).then(|| mask.depth_m[index])
         });
-        let from = start as f32 * STEP_PX;
-        let steps = last - start + (SMEAR_PX / STEP_PX) as i32;
         // Its bilinear course summed at every pixel is all of it, where it runs along rows or columns, and
         // nearly so where it does not.
-        let covered: f32 = (0..(steps + 1) / 2)
-            .map(|j| self.coverage(mask, side as f32 * (from + (j as f32 + 0.5)), against))
-            .sum();
-        Some(side as f32 * (from + covered))
+        let covered: f32 =
+            (start + 1..=last + SMEAR).step_by(2).map(|k| line.coverage(side * k, against)).sum();
+        Some(side as f32 * (start as f32 * STEP_PX + covered))
     }
 
     /// The edge to one side of a blade that lies wholly to the other side of the middle.
-    fn far_edge(&self, sights: &mut Sights, side: i32) -> Option<f32> {
-        let limit = self.half_px + self.search_px;
-        let steps = (limit / STEP_PX) as i32;
-        let first = (1..=steps).find(|k| sights.at(-side * k) == Sight::Blade)?;
+    fn far_edge(&self, line: &mut Line, side: i32) -> Option<f32> {
+        let first = (1..=self.search_limit()).find(|k| line.at(-side * k) == Sight::Blade)?;
         // It begins there, unless something nearer hides what is before.
-        let before = (first - 10..first).rev().map(|k| sights.at(-side * k));
+        let before = (first - 10..first).rev().map(|k| line.at(-side * k));
         let hidden = before.into_iter().find(|sight| *sight != Sight::Unseen) == Some(Sight::Nearer);
         (!hidden).then_some(-side as f32 * (first as f32 - 0.5) * STEP_PX)
     }
 
-    /// Share of a point that is of the blade, bilinear; `against`: depth of what is behind its edge.
-    fn coverage(&self, mask: &Mask, t: f32, against: Option<f32>) -> f32 {
-        let point = self.mid + self.across * t;
-        // From and to signed numbers the casts are the fastest.
-        let inside = |at: f32, size: usize| at >= 0.0 && at <= (size as i32 - 1) as f32;
-        if !(inside(point.x, mask.width) && inside(point.y, mask.height)) {
+    /// Share of a point that is of the blade, bilinear between the pixel at column and row `[x, y]` and its
+    /// neighbours to the right and below, for a point so far beyond its centre; `here`: depth expected there,
+    /// `against`: depth of what is behind its edge.
+    #[inline]
+    fn covered(
+        &self,
+        mask: &Mask,
+        [x, y]: [usize; 2],
+        [fx, fy]: [f32; 2],
+        here: f32,
+        against: Option<f32>,
+    ) -> f32 {
+        let [columns, rows] = [mask.width, mask.height].map(|size| size.saturating_sub(1));
+        if x >= columns || y >= rows {
             return 0.0;
         }
-        // The casts round down.
-        let (x0, y0) = (point.x as i32, point.y as i32);
-        let (fx, fy) = (point.x - x0 as f32, point.y - y0 as f32);
-        let (x0, y0) = (x0 as usize, y0 as usize);
-        let here = self.depth_at(t);
-        let upper = y0 * mask.width + x0;
-        let right = usize::from(x0 + 1 < mask.width);
-        let lower = if y0 + 1 < mask.height { upper + mask.width } else { upper };
+        let upper = y * mask.width + x;
+        let lower = upper + mask.width;
         // The four pixels around are reckoned with together.
-        let around = |of: &[f32]| [of[upper], of[upper + right], of[lower], of[lower + right]];
+        let around = |of: &[f32]| {
+            let (upper, lower) = (&of[upper..upper + 2], &of[lower..lower + 2]);
+            Vec4::new(upper[0], upper[1], lower[0], lower[1])
+        };
         let (occupancy, depth) = (around(&mask.occupancy), around(&mask.depth_m));
-        let shares: [f32; 4] = match against {
+        let shares = match against {
             Some(behind) => {
                 let per_m = 1.0 / (behind - here).max(1e-4);
-                std::array::from_fn(|k| occupancy[k] * ((behind - depth[k]) * per_m).clamp(0.0, 1.0))
+                occupancy * ((Vec4::splat(behind) - depth) * per_m).max(Vec4::ZERO).min(Vec4::ONE)
             }
             None => {
-                let reach = 2.0 * self.tolerance_m;
-                std::array::from_fn(|k| if (depth[k] - here).abs() <= reach { occupancy[k] } else { 0.0 })
+                let near = (depth - here).abs().cmple(Vec4::splat(2.0 * self.tolerance_m));
+                Vec4::select(near, occupancy, Vec4::ZERO)
             }
         };
-        let [upper_left, upper_right, lower_left, lower_right] = shares;
-        (upper_left * (1.0 - fx) + upper_right * fx) * (1.0 - fy)
-            + (lower_left * (1.0 - fx) + lower_right * fx) * fy
+        let (left, above) = (1.0 - fx, 1.0 - fy);
+        shares.dot(Vec4::new(left * above, fx * above, left * fy, fx * fy))
     }
 
     /// ∫ coverage over the whole cross-section to the left of its middle and to the right, pixels: its half
@@ -318,8 +367,13 @@ impl Expected {
     pub(super) fn covered_px(&self, mask: &Mask) -> [f32; 2] {
         let reach = self.half_px + SMEAR_PX;
         let steps = (reach / 0.25).ceil() as i32;
-        [-0.25, 0.25].map(|step| {
-            (0..steps).map(|j| self.coverage(mask, (j as f32 + 0.5) * step, None)).sum::<f32>() * 0.25
-        })
+        let coverage = |t: f32| {
+            let point = self.mid + self.across * t;
+            let corner = point.floor();
+            // What is negative is far too large as an unsigned number.
+            let pixel = corner.to_array().map(|at| at as i32 as usize);
+            self.covered(mask, pixel, (point - corner).to_array(), self.depth_at(t), None)
+        };
+        [-0.25, 0.25].map(|step| (0..steps).map(|j| coverage((j as f32 + 0.5) * step)).sum::<f32>() * 0.25)
     }
 }

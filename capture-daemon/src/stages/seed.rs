@@ -67,14 +67,23 @@ fn slope_moments(mask: &Mask, piece: u16, expected: &Expected) -> [f32; 2] {
 
 /// Median depth of the piece's pixels around a point.
 fn depth_near(mask: &Mask, piece: u16, point: Vec2) -> Option<f32> {
-    let offsets = (-2..=2).flat_map(|y| (-2..=2).map(move |x| Vec2::new(x as f32, y as f32)));
-    let mut depths: Vec<f32> = offsets
-        .filter_map(|offset| mask.index_at(point + offset))
-        .filter(|index| mask.pieces.of[*index] == piece && mask.occupancy[*index] > 0.85)
-        .map(|index| mask.depth_m[index])
-        .collect();
-    depths.sort_by(f32::total_cmp);
-    depths.get(depths.len() / 2).copied()
+    const REACH: usize = 2;
+    let center = mask.index_at(point)?;
+    let (x, y) = (center % mask.width, center / mask.width);
+    let (mut depths, mut count) = ([0.0; (2 * REACH + 1).pow(2)], 0);
+    let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(mask.width);
+    for v in y.saturating_sub(REACH)..(y + REACH + 1).min(mask.height) {
+        let row = v * mask.width + columns.start..v * mask.width + columns.end;
+        let pixels = mask.pieces.of[row.clone()].iter().zip(&mask.occupancy[row.clone()]);
+        for ((of, occupancy), depth) in pixels.zip(&mask.depth_m[row]) {
+            if (*of == piece) & (*occupancy > 0.85) {
+                depths[count] = *depth;
+                count += 1;
+            }
+        }
+    }
+    let depths = &mut depths[..count];
+    (count > 0).then(|| *depths.select_nth_unstable_by(count / 2, f32::total_cmp).1)
 }
 
 /// Midpoints of the points on both sides at equal distance from the root, and their distances.

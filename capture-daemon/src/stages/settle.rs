@@ -1,6 +1,6 @@
 //! A ribbon's sections, smoothed along it and measured anew where that puts them.
 
-use common::geometry::smooth;
+use common::geometry::smooth::Penalised;
 use glam::Vec2;
 
 use super::mask::Mask;
@@ -15,7 +15,12 @@ const SLOPE_WINDOW_PX: f32 = 9.0;
 
 /// Smooths a ribbon over its whole length and measures it anew.
 pub(super) fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
-    let widest = sections.iter().filter(|s| s.edges_seen() == 2).map(measured_half).fold(0.5, f64::max);
+    // What is guided may be widest where it is hidden; the edges of a single frame do not tell how wide.
+    let known = |s: &Section| match s.guide_px {
+        Some(half_px) if mask.frames >= 4 => Some(f64::from(half_px)),
+        _ => (s.edges_seen() == 2).then(|| measured_half(s)),
+    };
+    let widest = sections.iter().filter_map(known).fold(0.5, f64::max);
     smooth_and_measure(mask, sections, wavelength_px, widest, 0.0);
 }
 
@@ -38,43 +43,36 @@ fn measured_half(section: &Section) -> f64 {
 /// `widest`: bound of the half width, pixels; `search`: how far beyond 2 px an edge may be from where it
 /// is expected, in half widths.
 fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64, widest: f64, search: f32) {
-    let n = sections.len();
-    let weights: Vec<f64> = sections.iter().map(|section| f64::from(section.weight())).collect();
-    let both: Vec<f64> = sections.iter().map(|s| if s.edges_seen() == 2 { 1.0 } else { 0.0 }).collect();
-    // Where a width is not seen, what was expected counts a little, so that it does not run away.
-    let anchored =
-        |weights: &[f64], anchor: f64| -> Vec<f64> { weights.iter().map(|w| w.max(anchor)).collect() };
-    let places: Vec<f64> =
-        weights.iter().zip(sections.iter()).map(|(w, s)| w.max(f64::from(s.anchor))).collect();
-    let halves: Vec<f64> = sections.iter().map(measured_half).collect();
-    let halves = smooth::penalised(&halves, &anchored(&both, 0.02), WIDTH_WAVELENGTH_PX);
-    let mids: Vec<Vec2> = sections.iter().map(Section::middle).collect();
-    let places = smooth::Penalised::new(&places, wavelength_px);
-    let axis = |of: fn(&Vec2) -> f32| {
-        let values: Vec<f64> = mids.iter().map(|p| f64::from(of(p))).collect();
-        places.smooth(&values)
-    };
-    let mids: Vec<Vec2> =
-        axis(|p| p.x).into_iter().zip(axis(|p| p.y)).map(|(x, y)| Vec2::new(x as f32, y as f32)).collect();
     // Where a blade is only guided, what is seen may be its neighbour's.
     let of_it =
         |s: &Section| if s.guide_px.is_some() && s.edges_seen() == 0 { 0 } else { s.measured.readings };
-    let readings: Vec<f64> = sections.iter().map(|s| f64::from(of_it(s))).collect();
-    let mean = readings.iter().sum::<f64>() / readings.iter().filter(|r| **r > 0.0).count().max(1) as f64;
-    let readings: Vec<f64> = readings.iter().map(|r| r / mean.max(1.0)).collect();
-    let depths: Vec<f64> =
-        sections.iter().map(|s| f64::from(s.measured.depth_m.unwrap_or(s.expected.depth_m))).collect();
-    let depths = smooth::penalised(&depths, &anchored(&readings, 0.002), DEPTH_WAVELENGTH_PX);
+    let readings = || sections.iter().map(|s| f64::from(of_it(s)));
+    let mean = readings().sum::<f64>() / readings().filter(|r| *r > 0.0).count().max(1) as f64;
+    // Of half the width, both coordinates of the middle, and depth. Where one of them is not seen, what was
+    // expected counts a little, so that it does not run away.
+    let weight = |s: &Section| {
+        let both = if s.edges_seen() == 2 { 1.0 } else { 0.02 };
+        let place = f64::from(s.weight()).max(f64::from(s.anchor));
+        [both, place, place, (f64::from(of_it(s)) / mean.max(1.0)).max(0.002)]
+    };
+    let sample = |s: &Section| {
+        let (mid, depth_m) = (s.middle(), s.measured.depth_m.unwrap_or(s.expected.depth_m));
+        [measured_half(s), f64::from(mid.x), f64::from(mid.y), f64::from(depth_m)]
+    };
+    let wavelengths = [WIDTH_WAVELENGTH_PX, wavelength_px, wavelength_px, DEPTH_WAVELENGTH_PX];
+    let smooth = Penalised::new(sections.iter().map(weight).collect(), wavelengths)
+        .smooth(sections.iter().map(sample).collect());
+    let mids: Vec<Vec2> = smooth.iter().map(|[_, x, y, _]| Vec2::new(*x as f32, *y as f32)).collect();
     let slopes = slopes(sections);
     let tolerance = tolerance_m(mask);
-    for i in 0..n {
-        let half_px = halves[i].clamp(0.3, widest) as f32;
+    for (i, [half_px, _, _, depth_m]) in smooth.into_iter().enumerate() {
+        let half_px = half_px.clamp(0.3, widest) as f32;
         let across = across_at(&mids, i);
         let expected = Expected {
             mid: mids[i],
             across,
             half_px,
-            depth_m: depths[i] as f32,
+            depth_m: depth_m as f32,
             slope_m: slopes[i],
             fold: fold_from(&sections[i].expected, mids[i], across),
             tolerance_m: tolerance,
@@ -95,10 +93,7 @@ fn fold_from(Expected { mid: before, fold, .. }: &Expected, mid: Vec2, across: V
 
 /// What was measured, as seen from a place so near that it would be measured alike: the edges stay where
 /// they are in the image.
-pub(super) fn moved(
-    Section { expected, measured, guide_px, .. }: &Section,
-    to: &Expected,
-) -> Option<Measured> {
+pub(super) fn moved(Section { expected, measured, .. }: &Section, to: &Expected) -> Option<Measured> {
     const NEAR_PX: f32 = 0.25;
     const NEAR_TOLERANCES: f32 = 0.25;
     let by = to.mid - expected.mid;
@@ -115,8 +110,7 @@ pub(super) fn moved(
         && (to.depth_m - expected.depth_m).abs() + tilted_m.abs() < NEAR_TOLERANCES * to.tolerance_m
         && to.tolerance_m == expected.tolerance_m
         && to.fold.slope_m == expected.fold.slope_m;
-    // Edges that were doubted are to be looked for again.
-    if !near || measured.middle != Middle::Blade || guide_px.is_some() {
+    if !near || measured.middle != Middle::Blade {
         return None;
     }
     let [moment, square] = measured.slope_moments;

@@ -4,9 +4,11 @@
 use common::geometry::{polyline, smooth};
 use glam::Vec2;
 
+use super::bend::Bend;
 use super::mask::Mask;
 use super::ribbon::{End, Ribbon, Section};
 use super::section::Expected;
+use crate::frame::CameraModel;
 
 /// Stations of a skeleton: the raw skeleton that refinement starts from.
 pub const STATIONS: usize = 128;
@@ -49,29 +51,33 @@ const WIDTH_WAVELENGTH_PX: f64 = 16.0;
 /// # Source
 /// Fan & Sheng §4.3 (matching symmetric points). Departures: true cross-sections of a midrib that
 /// was fitted to them, widths as summed occupancy, which is right below a pixel.
-pub fn trace(mask: &Mask, ribbon: &Ribbon) -> Option<Skeleton> {
+pub fn trace(mask: &Mask, ribbon: &Ribbon, camera: &CameraModel) -> Option<Skeleton> {
     let mut sections = ribbon.sections.clone();
     if sections.len() < 8 {
         return None;
     }
+    let mut bend = Bend::fit(&mut sections, camera);
     let last = sections.len() - 1;
     let tip = (ribbon.tip == End::Free).then(|| end(mask, &sections, last, -1));
     let root = (ribbon.root == End::Free).then(|| end(mask, &sections, 0, 1));
     // Beside a blunt end the cross-sections lean into its corners: it is carried on straight.
-    if let Some(tip) = tip.as_ref().filter(|tip| !tip.pointed) {
-        sections.truncate(sections.len() - tip.back);
+    let back = |end: &Option<Found>| end.as_ref().filter(|end| !end.pointed).map_or(0, |end| end.back);
+    let (at_root, at_tip) = (back(&root), back(&tip));
+    if let Some(bend) = &mut bend {
+        bend.cut(at_root, at_tip);
     }
-    if let Some(root) = root.as_ref().filter(|root| !root.pointed) {
-        sections.drain(..root.back);
-    }
+    sections.truncate(sections.len() - at_tip);
+    sections.drain(..at_root);
     let beyond = |end: &Found| if end.pointed { end.length - end.back as f32 } else { end.length };
     let ends = Ends {
         root: root.as_ref().map_or(0.0, |end| -beyond(end)),
         tip: (sections.len() - 1) as f32 + tip.as_ref().map_or(0.0, beyond),
-        pointed_root: root.is_some_and(|end| end.pointed),
-        pointed_tip: tip.is_some_and(|end| end.pointed),
+        pointed_root: root.as_ref().is_some_and(|end| end.pointed),
+        pointed_tip: tip.as_ref().is_some_and(|end| end.pointed),
+        widths_to_root: root.map_or_else(Vec::new, |end| end.widths),
+        widths_to_tip: tip.map_or_else(Vec::new, |end| end.widths),
     };
-    (sections.len() >= 8).then(|| finished(&sections, &ends))
+    (sections.len() >= 8).then(|| finished(&sections, &ends, bend.as_ref()))
 }
 
 /// Where root and tip are, in sections from the first, which may lie outside of them.
@@ -81,6 +87,21 @@ struct Ends {
     /// Whether the blade narrows to a point there.
     pointed_root: bool,
     pointed_tip: bool,
+    /// Widths beyond the sections, [`Found::widths`].
+    widths_to_root: Vec<f32>,
+    widths_to_tip: Vec<f32>,
+}
+
+impl Ends {
+    /// The width measured beyond the first or the last of `n` sections, where section `i` would be, and what
+    /// it counts: where the end takes a part of it, it goes on about as it was.
+    fn width_beyond(&self, i: isize, n: usize) -> Option<(f32, f64)> {
+        let (widths, away) =
+            if i < 0 { (&self.widths_to_root, -i) } else { (&self.widths_to_tip, i - (n as isize - 1)) };
+        let after = usize::try_from(away).ok().filter(|after| *after > 0)?;
+        let last = *widths.last()?;
+        Some(widths.get(after + 1).map_or((last, 0.1), |width| (0.5 * (widths[after] + width), 1.0)))
+    }
 }
 
 struct Found {
@@ -90,6 +111,9 @@ struct Found {
     length: f32,
     /// Whether the blade narrows to a point there; else it ends across.
     pointed: bool,
+    /// Of an end across: its width at that section, half a pixel beyond it and then a pixel apart, up to where
+    /// the end takes a part of it; pixels.
+    widths: Vec<f32>,
 }
 
 /// Carries a blade on past section `last` (whose neighbours lie in direction `inward`), straight, and
@@ -102,7 +126,7 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
         &sections[last.saturating_add_signed(inward * k as isize).min(sections.len() - 1)].expected
     };
     let wide = at(BACK).half_px + 3.0;
-    let back = BACK.max(wide as usize).min((sections.len() - 1) / 4);
+    let back = BACK.max(wide as usize).max(curl(&at, sections.len())).min((sections.len() - 1) / 4);
     // The straight line through the last sound sections; the very last ones lean.
     let base = at(back);
     let outward = (base.mid - at(back * 3).mid).normalize_or(base.mid - at(back + 1).mid);
@@ -148,13 +172,38 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
     let blunt = !long || (led(length) > (0.4 * width).max(2.0) && across_it);
     let length = if blunt { length } else { 2.0 * even };
     // No end lies far beyond the last reading of it.
-    Found { back, length: length.min(widths.len() as f32 + 0.4 * width), pointed: !blunt }
+    let length = length.min(widths.len() as f32 + 0.4 * width);
+    // What is wider has run into something else.
+    let alone =
+        widths.iter().enumerate().take_while(|(k, it)| **it < 1.1 * led(*k as f32 + 0.5) + 1.0).count();
+    let whole = shares.iter().take(alone).take_while(|share| **share > 0.93).count().saturating_sub(2);
+    widths.truncate(whole);
+    if blunt {
+        widths.insert(0, width)
+    } else {
+        widths.clear()
+    }
+    Found { back, length, pointed: !blunt, widths }
+}
+
+/// Sections at an end that turn into its corner more tightly than a blade bends. `at`: sections from the
+/// end inward, of which there are `count`.
+fn curl<'a>(at: &impl Fn(usize) -> &'a Expected, count: usize) -> usize {
+    const APART: usize = 4;
+    /// Turn over half of the width, radians ([`super::margin::Margins::turning`]).
+    const TIGHT: f32 = 0.2;
+    let reach = (4.0 * at(count / 4).half_px) as usize;
+    let tight = |k: &usize| {
+        let turn = at(*k).across.angle_to(at(k + APART).across).abs() / APART as f32;
+        turn * at(k + APART).half_px > TIGHT
+    };
+    (0..reach.min(count / 4)).rev().find(tight).map_or(0, |k| k + APART)
 }
 
 /// Sections whose direction is that of what is carried on beyond a blunt end.
 const BLUNT_REACH: usize = 12;
 
-fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
+fn finished(sections: &[Section], ends: &Ends, bend: Option<&Bend>) -> Skeleton {
     let n = sections.len();
     // Sections within this many of an end are cut off by it and say little about the width.
     let lean = 2.0;
@@ -180,7 +229,10 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
                         seen.unwrap_or(section.expected.half_px) + crease * section.expected.fold.at_px;
                     (value, if seen.is_some() { 1.0 } else { 0.01 })
                 }
-                None => (0.0, 0.0),
+                None => ends.width_beyond(i, n).map_or((0.0, 0.0), |(width, weight)| {
+                    let nearest = &sections[if i < 0 { 0 } else { n - 1 }].expected;
+                    (0.5 * width + crease * nearest.fold.at_px, weight)
+                }),
             };
             values.push(f64::from(value));
             weights.push(weight);
@@ -197,13 +249,28 @@ fn finished(sections: &[Section], ends: &Ends) -> Skeleton {
     let (near_root, near_tip) = (reach(ends.pointed_root), reach(ends.pointed_tip));
     let root_step = Place { mid: step(0, near_root).mid, ..step(0, 8.min(n - 1)) };
     let tip_step = Place { mid: step(n - 1, n - 1 - near_tip).mid, ..step(n - 1, n.saturating_sub(9)) };
+    // Where it was fitted, depth goes on beyond an end as it bends.
+    let way = |from: Place, step: Place, count: f32| {
+        (0..=count.max(0.0).ceil() as usize + 1).map(move |k| from.carried_on(&step, k as f32).mid)
+    };
+    let before = bend.map(|bend| bend.before(way(places[0], root_step, -ends.root)));
+    let beyond = bend.map(|bend| bend.beyond(way(places[n - 1], tip_step, ends.tip - (n - 1) as f32)));
+    let carried = |from: &Place, step: &Place, depths: &Option<Vec<f32>>, count: f32| {
+        let mut place = from.carried_on(step, count);
+        if let Some(depths) = depths {
+            let k = (count as usize).min(depths.len() - 2);
+            let deeper = depths[k] + (depths[k + 1] - depths[k]) * (count - k as f32) - depths[0];
+            place.depth_m = from.depth_m + deeper;
+        }
+        place
+    };
     let place = |i: f32| {
         let (first, last) = (&places[0], &places[n - 1]);
-        let beyond = i - (n - 1) as f32;
+        let on = i - (n - 1) as f32;
         if i < 0.0 {
-            first.carried_on(&root_step, -i)
-        } else if beyond > 0.0 {
-            last.carried_on(&tip_step, beyond)
+            carried(first, &root_step, &before, -i)
+        } else if on > 0.0 {
+            carried(last, &tip_step, &beyond, on)
         } else {
             let k = (i as usize).min(n - 2);
             places[k].between(&places[k + 1], i - k as f32)

@@ -8,7 +8,7 @@ use super::chamfer;
 use super::mask::{Mask, fine_step_m, neighbours};
 use super::ribbon::{End, Ribbon, RibbonParams, Section, reverse, unsure};
 use super::section::Expected;
-use super::tuft;
+use super::tuft::{self, Ground};
 
 /// Fewest leaves that tell where a stem is.
 const MIN_LEAVES: usize = 3;
@@ -36,10 +36,11 @@ pub(super) fn attach(
     mask: &Mask,
     ribbons: &mut Vec<Ribbon>,
     fields: &[Field],
+    ground: &Ground,
     params: &RibbonParams,
 ) -> Vec<Ribbon> {
     let mut attached = Vec::new();
-    if mask.hand.contains(&true) {
+    if mask.has_hand() {
         return attached;
     }
     let on_blob = on_each_blob(mask, ribbons);
@@ -49,7 +50,7 @@ pub(super) fn attach(
         }
         let grows = |ribbon: &Ribbon| rooted(mask, ribbon, region.label).is_some();
         let count = ribbons.iter().filter(|ribbon| ribbon.root != End::Free && grows(ribbon)).count();
-        if count < MIN_LEAVES || tuft::share(mask, ribbons, region.label, params) > MAX_TUFT {
+        if count < MIN_LEAVES || tuft::share(mask, ribbons, region.label, ground, params) > MAX_TUFT {
             continue;
         }
         let mut ways = Ways::of(mask, region.label, region.bounds, field);
@@ -461,7 +462,9 @@ mod tests {
             seen(&[blade(20.0), blade(90.0), blade(150.0), blade(220.0)], false);
         let before = ribbons.clone();
         assert!(before.len() >= 4, "{} ribbons", before.len());
-        assert!(attach(&mask, &mut ribbons, &fields, &RibbonParams::default()).is_empty());
+        let params = RibbonParams::default();
+        let ground = Ground::of(&mask, params.down);
+        assert!(attach(&mask, &mut ribbons, &fields, &ground, &params).is_empty());
         assert_eq!(ribbons, before);
     }
 }

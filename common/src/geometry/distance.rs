@@ -27,9 +27,31 @@ pub fn point_polyline(point: Vec3, points: &[Vec3]) -> f32 {
 /// # Source
 /// Fan & Sheng §5, Eq. 4.
 pub fn hausdorff(a: &[Vec3], b: &[Vec3]) -> f32 {
-    let one_way =
-        |from: &[Vec3], to: &[Vec3]| from.iter().map(|point| point_polyline(*point, to)).fold(0.0, f32::max);
-    one_way(a, b).max(one_way(b, a))
+    farthest(a, b, farthest(b, a, 0.0))
+}
+
+/// The farthest that a vertex of `from` is from the polyline `to`, or `least` if none is farther.
+///
+/// # Source
+/// Taha & Hanbury 2015: what is near enough to tell that a vertex is not the farthest ends the search, and it
+/// begins where curves that run alike are nearest.
+fn farthest(from: &[Vec3], to: &[Vec3], least: f32) -> f32 {
+    if to.len() < 2 {
+        return from.iter().map(|point| point_polyline(*point, to)).fold(least, f32::max);
+    }
+    let segments = to.len() - 1;
+    let beyond = |most: f32, (i, point): (usize, &Vec3)| {
+        let first = i * segments / from.len();
+        let mut nearest = f32::INFINITY;
+        for segment in (first..segments).chain((0..first).rev()) {
+            nearest = nearest.min(point_segment(*point, to[segment], to[segment + 1]));
+            if nearest <= most {
+                return most;
+            }
+        }
+        nearest
+    };
+    from.iter().enumerate().fold(least, beyond)
 }
 
 #[cfg(test)]

@@ -17,95 +17,117 @@
 /// Whittaker 1923; Eilers 2003, "A perfect smoother". λ by the half-height wavelength is ours:
 /// λ = (λ_w/2π)⁶.
 pub fn penalised(samples: &[f64], weights: &[f64], wavelength: f64) -> Vec<f64> {
-    Penalised::new(weights, wavelength).smooth(samples)
+    let lone = |values: &[f64]| values.iter().map(|value| [*value]).collect::<Vec<[f64; 1]>>();
+    Penalised::new(lone(weights), [wavelength])
+        .smooth(lone(samples))
+        .into_iter()
+        .map(|[value]| value)
+        .collect()
 }
 
 const ORDER: usize = 3;
 
-/// What [`penalised`] needs to know of the weights: made once for several sequences.
+/// What [`penalised`] needs to know of the weights of `N` sequences that are smoothed side by side: each comes
+/// out to the bit as if it were alone, and together they cost hardly more than one, whose every step has to
+/// wait for the one before.
 #[derive(Clone, Debug)]
-pub struct Penalised {
-    weights: Vec<f64>,
+pub struct Penalised<const N: usize> {
+    weights: Vec<[f64; N]>,
     /// LDLᵀ of W + λDᵀD, which has bandwidth 3: `band[i][k]` is entry (i, i − k) of L, `band[i][0]` one
     /// over that of D.
-    band: Vec<[f64; ORDER + 1]>,
+    band: Vec<[[f64; N]; ORDER + 1]>,
 }
 
-impl Penalised {
-    /// For sequences with these weights and this half-height wavelength. O(n).
-    pub fn new(weights: &[f64], wavelength: f64) -> Self {
+impl<const N: usize> Penalised<N> {
+    /// For sequences with these weights, and their half-height wavelengths. O(n).
+    pub fn new(weights: Vec<[f64; N]>, wavelengths: [f64; N]) -> Self {
         const STENCIL: [f64; ORDER + 1] = [-1.0, 3.0, -3.0, 1.0];
         let n = weights.len();
         if n <= ORDER {
-            return Self { weights: weights.to_vec(), band: Vec::new() };
+            return Self { weights, band: Vec::new() };
         }
-        let lambda = (wavelength / std::f64::consts::TAU).powi(2 * ORDER as i32);
+        // Not `powi`, whose last bit depends on what the compiler knows.
+        let lambda = wavelengths.map(|wavelength| {
+            let per_radian = wavelength / std::f64::consts::TAU;
+            let cube = per_radian * per_radian * per_radian;
+            cube * cube
+        });
         // But for those near the ends all rows of DᵀD are alike.
         let penalty = {
-            let mut rows = [[0.0; ORDER + 1]; 2 * ORDER + 1];
+            let mut rows = [[[0.0; N]; ORDER + 1]; 2 * ORDER + 1];
             let n = n.min(rows.len());
             for first in 0..n - ORDER {
                 for a in 0..=ORDER {
                     for b in 0..=a {
-                        rows[first + a][a - b] += lambda * STENCIL[a] * STENCIL[b];
+                        let entry = &mut rows[first + a][a - b];
+                        *entry = lanes(|k| entry[k] + lambda[k] * STENCIL[a] * STENCIL[b]);
                     }
                 }
             }
             rows
         };
         let like = |i: usize| i.min(ORDER).max((i + penalty.len()).saturating_sub(n));
-        let mut band: Vec<[f64; ORDER + 1]> = (0..n).map(|i| penalty[like(i)]).collect();
         // The ridge keeps the matrix regular where fewer than three samples are measured.
-        let ridge = 1e-12 * (1.0 + lambda);
-        for (row, weight) in band.iter_mut().zip(weights) {
-            row[0] += weight + ridge;
-        }
+        let ridge = lambda.map(|lambda| 1e-12 * (1.0 + lambda));
         // The rows before, the nearest first; before the first row as if there were more, of nothing.
-        let mut before = [[0.0; ORDER + 1]; ORDER];
-        for row in &mut band {
-            for k in (1..=ORDER).rev() {
-                // Entry (i, i − k) of LD.
-                for m in k + 1..=ORDER {
-                    row[k] -= row[m] * before[k - 1][m - k];
+        let mut before = [[[0.0; N]; ORDER + 1]; ORDER];
+        let band = weights
+            .iter()
+            .enumerate()
+            .map(|(i, weight)| {
+                let mut row = penalty[like(i)];
+                row[0] = lanes(|lane| row[0][lane] + (weight[lane] + ridge[lane]));
+                for k in (1..=ORDER).rev() {
+                    // Entry (i, i − k) of LD.
+                    for m in k + 1..=ORDER {
+                        row[k] = lanes(|lane| row[k][lane] - row[m][lane] * before[k - 1][m - k][lane]);
+                    }
                 }
-            }
-            let mut diagonal = row[0];
-            for k in 1..=ORDER {
-                let of_l = row[k] * before[k - 1][0];
-                diagonal -= of_l * row[k];
-                row[k] = of_l;
-            }
-            row[0] = 1.0 / diagonal;
-            before = [*row, before[0], before[1]];
-        }
-        Self { weights: weights.to_vec(), band }
+                let mut diagonal = row[0];
+                for k in 1..=ORDER {
+                    let of_l: [f64; N] = lanes(|lane| row[k][lane] * before[k - 1][0][lane]);
+                    diagonal = lanes(|lane| diagonal[lane] - of_l[lane] * row[k][lane]);
+                    row[k] = of_l;
+                }
+                row[0] = diagonal.map(|diagonal| 1.0 / diagonal);
+                before = [row, before[0], before[1]];
+                row
+            })
+            .collect();
+        Self { weights, band }
     }
 
-    /// Smooths a sequence of as many samples as there are weights. O(n).
-    pub fn smooth(&self, samples: &[f64]) -> Vec<f64> {
+    /// Smooths sequences of as many samples as there are weights. O(n).
+    pub fn smooth(&self, samples: Vec<[f64; N]>) -> Vec<[f64; N]> {
         let band = &self.band;
-        if samples.len() <= ORDER {
-            return samples.to_vec();
+        let mut solution = samples;
+        if solution.len() <= ORDER {
+            return solution;
         }
-        let mut solution: Vec<f64> = samples.iter().zip(&self.weights).map(|(y, w)| w * y).collect();
-        let mut before = [0.0; ORDER];
-        for (value, row) in solution.iter_mut().zip(band) {
+        let mut before = [[0.0; N]; ORDER];
+        for ((value, weight), row) in solution.iter_mut().zip(&self.weights).zip(band) {
+            *value = lanes(|lane| value[lane] * weight[lane]);
             for k in 1..=ORDER {
-                *value -= row[k] * before[k - 1];
+                *value = lanes(|lane| value[lane] - row[k][lane] * before[k - 1][lane]);
             }
             before = [*value, before[0], before[1]];
         }
-        let mut after = [(0.0, [0.0; ORDER + 1]); ORDER];
+        let mut after = [([0.0; N], [[0.0; N]; ORDER + 1]); ORDER];
         for (value, row) in solution.iter_mut().zip(band).rev() {
-            *value *= row[0];
+            *value = lanes(|lane| value[lane] * row[0][lane]);
             for k in 1..=ORDER {
-                let (next, of_next) = after[k - 1];
-                *value -= next * of_next[k];
+                let (next, of_next) = &after[k - 1];
+                *value = lanes(|lane| value[lane] - next[lane] * of_next[k][lane]);
             }
             after = [(*value, *row), after[0], after[1]];
         }
         solution
     }
+}
+
+#[inline]
+fn lanes<const N: usize>(of_lane: impl FnMut(usize) -> f64) -> [f64; N] {
+    std::array::from_fn(of_lane)
 }
 
 #[cfg(test)]
@@ -137,5 +159,21 @@ mod tests {
         }
         let smooth = penalised(&samples, &weights, 10.0);
         assert!(smooth.iter().zip(&line).all(|(a, b)| (a - b).abs() < 1e-5), "{smooth:?}");
+    }
+
+    #[test]
+    fn sequences_side_by_side_are_smoothed_as_each_alone() {
+        let samples: Vec<[f64; 3]> =
+            wave(9.0).iter().zip(wave(31.0)).map(|(a, b)| [*a, b, a * b + 3.0]).collect();
+        let weights: Vec<[f64; 3]> = (0..400).map(|i| [1.0, f64::from(i % 7), 0.01 * f64::from(i)]).collect();
+        let wavelengths = [12.0, 28.0, 48.0];
+        for n in [2, 5, 400] {
+            let together = Penalised::new(weights[..n].to_vec(), wavelengths).smooth(samples[..n].to_vec());
+            for lane in 0..3 {
+                let of_lane = |all: &[[f64; 3]]| all.iter().map(|it| it[lane]).collect::<Vec<f64>>();
+                let alone = penalised(&of_lane(&samples[..n]), &of_lane(&weights[..n]), wavelengths[lane]);
+                assert_eq!(of_lane(&together), alone);
+            }
+        }
     }
 }

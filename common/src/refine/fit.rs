@@ -135,23 +135,37 @@ impl Deviation {
             if kept.len() == count {
                 return None;
             }
-            from = self.farthest_within(from, bound);
+            // Stretches one after the other are about as long.
+            let like = from - kept.iter().rev().nth(1).copied().unwrap_or(from);
+            from = self.farthest_within(from, like.max(1), bound);
             kept.push(from);
         }
         Some(kept)
     }
 
-    /// The end of the longest stretch from `from` on that stays within `bound`, by doubling and halving: a
-    /// longer one is taken to deviate more.
-    fn farthest_within(&self, from: usize, bound: f32) -> usize {
+    /// The end of the longest stretch from `from` on that stays within `bound`, by doubling and halving around
+    /// the length that is likely: a longer one is taken to deviate more.
+    fn farthest_within(&self, from: usize, likely: usize, bound: f32) -> usize {
         let last = self.edges.len() - 1;
         let fits = |to: usize| self.of(from, to, bound) <= bound;
-        let (mut within, mut step) = (from + 1, 1);
-        while within < last && fits((within + step).min(last)) {
-            within = (within + step).min(last);
-            step *= 2;
+        let (mut within, mut beyond) = (from + 1, last + 1);
+        let mut step = 1;
+        let guess = (from + likely).clamp(within, last);
+        if guess == within || fits(guess) {
+            within = guess;
+            while within < last && fits((within + step).min(last)) {
+                within = (within + step).min(last);
+                step *= 2;
+            }
+            beyond = beyond.min(within + step);
+        } else {
+            beyond = guess;
+            while beyond - within > step && !fits(beyond - step) {
+                beyond -= step;
+                step *= 2;
+            }
+            within = within.max(beyond.saturating_sub(step));
         }
-        let mut beyond = (within + step).min(last + 1);
         while beyond - within > 1 {
             let middle = within.midpoint(beyond);
             if fits(middle) { within = middle } else { beyond = middle }

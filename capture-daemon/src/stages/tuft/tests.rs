@@ -71,12 +71,12 @@ fn a_base_that_no_blade_leads_to_ends_the_gathering() {
     let blades: Vec<Blade> = ribbons.iter().enumerate().filter_map(blade).collect();
     let params = RibbonParams::default();
     let ground = Ground::Lowest(Lowest::of(&mask, params.down));
-    let hub = hub(&mask, &ribbons, &blades, &ground, params.down).expect("they lead to a base");
+    let hub = hub(&mask, &blades, &ground, params.down).expect("they lead to a base");
     assert!(blades.iter().all(|blade| blade.leads_to(meet) > 0.9));
     assert!(blades.iter().all(|blade| blade.leads_to(hub.at) == 0.0), "{}", hub.at);
 
     let before = ribbons.clone();
-    gather(&mask, &mut ribbons, &params);
+    gather(&mask, &mut ribbons, &ground, &params);
     assert!(ribbons.iter().zip(&before).all(|(ribbon, before)| ribbon.sections == before.sections));
     assert!(ribbons.iter().all(|ribbon| ribbon.root == End::Free), "none is led over nothing");
 }

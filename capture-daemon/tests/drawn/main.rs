@@ -1,0 +1,5 @@
+//! What the stages make of scenes that are painted by hand.
+
+mod painter;
+mod refusals;
+mod roots;
