@@ -51,6 +51,124 @@ pub enum Verb {
     ///
     /// Example: sward-capture check-config --config capture-daemon.toml
     CheckConfig(ConfigArgs),
+    /// Say what the station that runs is doing
+    ///
+    /// Exit code 0: it runs; 1: it does not answer, or refuses; 2: bad arguments or configuration.
+    ///
+    /// Example: sward-capture status --watch
+    Status(StatusArgs),
+    /// Have the station that runs read its configuration again
+    ///
+    /// Names the keys that changed, and those that wait for a restart. Exit code 0: done; 1: no station
+    /// answers, or it refuses; 2: the configuration is not valid, and the old one stays.
+    ///
+    /// Example: sward-capture reload
+    Reload(StationArgs),
+    /// Show and change the blades of the station that runs
+    ///
+    /// Exit code 0: done; 1: no station answers, or it refuses; 2: bad arguments or configuration.
+    #[command(subcommand)]
+    Blades(BladesVerb),
+}
+
+/// What to do with blades.
+#[derive(Debug, Subcommand)]
+pub enum BladesVerb {
+    /// A line for each blade, in the library's order; then the files that are none, with the reason
+    ///
+    /// Example: sward-capture blades list --json
+    List(ListArgs),
+    /// All that is known of a blade
+    ///
+    /// Example: sward-capture blades show blade-12ab34cd
+    Show {
+        /// Its name
+        name: String,
+        /// Which station, and in what form.
+        #[command(flatten)]
+        list: ListArgs,
+    },
+    /// Give a blade a name that no other has
+    ///
+    /// Example: sward-capture blades rename blade-12ab34cd fern
+    Rename {
+        /// Its name
+        name: String,
+        /// The new one: 1 to 48 bytes, no slash, no dot or space at its beginning
+        new_name: String,
+        /// Which station.
+        #[command(flatten)]
+        station: StationArgs,
+    },
+    /// Take a blade out of the library; `restore` brings it back
+    ///
+    /// Example: sward-capture blades remove fern
+    Remove {
+        /// Its name
+        name: String,
+        /// Which station.
+        #[command(flatten)]
+        station: StationArgs,
+    },
+    /// Bring back the blade that had this name before: the removed one, or the one that was replaced
+    ///
+    /// Example: sward-capture blades restore fern
+    Restore {
+        /// The name
+        name: String,
+        /// Which station.
+        #[command(flatten)]
+        station: StationArgs,
+    },
+    /// Set how often a blade stands in the meadow, relative to the others
+    ///
+    /// Example: sward-capture blades mix fern 2.5
+    Mix {
+        /// Its name
+        name: String,
+        /// Its weight, 0 or more; all have 1 at first
+        #[arg(allow_negative_numbers = true)]
+        weight: f64,
+        /// Which station.
+        #[command(flatten)]
+        station: StationArgs,
+    },
+}
+
+/// Which station to talk to.
+#[derive(Debug, Args)]
+pub struct StationArgs {
+    /// Its socket [default: service.socket of the configuration]
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+    /// Configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+}
+
+/// What to say of the station.
+#[derive(Debug, Args)]
+pub struct StatusArgs {
+    /// Which station.
+    #[command(flatten)]
+    pub station: StationArgs,
+    /// One JSON object on stdout, as the interface defines it
+    #[arg(long)]
+    pub json: bool,
+    /// Say it again every second, a line each, until interrupted
+    #[arg(long)]
+    pub watch: bool,
+}
+
+/// What to list.
+#[derive(Debug, Args)]
+pub struct ListArgs {
+    /// Which station.
+    #[command(flatten)]
+    pub station: StationArgs,
+    /// JSON on stdout, as the interface defines it
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Where the configuration comes from.

@@ -31,6 +31,8 @@ pub struct Config {
     pub blade: BladeConfig,
     /// `[refine]`
     pub refine: RefineConfig,
+    /// `[store]`
+    pub store: StoreConfig,
     /// `[service]`
     pub service: ServiceConfig,
 }
@@ -159,17 +161,40 @@ impl Default for RefineConfig {
     }
 }
 
+/// Where blades are kept.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StoreConfig {
+    /// The state directory; by default `$STATE_DIRECTORY`, which systemd sets, or else
+    /// `/var/lib/sward`.
+    pub directory: Option<PathBuf>,
+}
+
 /// The varlink service.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServiceConfig {
     /// The socket it listens on.
     pub socket: PathBuf,
+    /// The mode of the socket's file: who can connect.
+    pub socket_mode: u32,
+    /// Who may watch: `*`, users, `@groups`.
+    pub watch: Vec<String>,
+    /// Who may change.
+    pub change: Vec<String>,
+    /// Connections at once.
+    pub max_connections: usize,
 }
 
 impl Default for ServiceConfig {
     fn default() -> Self {
-        Self { socket: PathBuf::from("/run/sward/station.sock") }
+        Self {
+            socket: PathBuf::from("/run/sward/station.sock"),
+            socket_mode: 0o660,
+            watch: vec!["*".to_owned()],
+            change: Vec::new(),
+            max_connections: 256,
+        }
     }
 }
 
@@ -278,7 +303,8 @@ impl Document {
             .replace("unknown field", "unknown key")
             .replace("expected f64", "expected a number")
             .replace("expected f32", "expected a number")
-            .replace("expected usize", "expected a whole number, 0 or more");
+            .replace("expected usize", "expected a whole number, 0 or more")
+            .replace("expected u32", "expected a whole number, 0 or more");
         let hint = match &self.origin {
             Origin::Set(_) if error.span().is_some() && !message.contains("unknown key") => {
                 " (--set takes key=value as TOML; text needs quotes: --set 'service.socket=\"/tmp/s\"')"
@@ -321,7 +347,7 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     fn within(key: &'static str, value: f64, range: RangeInclusive<f64>) -> Option<(&'static str, String)> {
         (!range.contains(&value)).then(|| (key, format!("{} to {}", range.start(), range.end())))
     }
-    let Config { source, camera, mask, capture, blade, refine, service } = config;
+    let Config { source, camera, mask, capture, blade, refine, store, service } = config;
     let focal = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0..=100_000.0));
     let centre = |key, value: Option<f64>| value.and_then(|value| within(key, value, -10_000.0..=10_000.0));
     let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
@@ -335,7 +361,19 @@ fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     let region = || Some(("mask.roi", "[x0, y0, x1, y1] with x0 < x1 and y0 < y1".to_owned()));
     let order = || Some(("mask.far_m", format!("more than mask.near_m ({})", mask.near_m)));
     let socket = || Some(("service.socket", "the path of a socket".to_owned()));
+    let directory = || Some(("store.directory", "the path of a folder".to_owned()));
+    let no_directory = store.directory.as_ref().is_some_and(|path| path.as_os_str().is_empty());
+    let who = |key, list: &[String]| {
+        let odd = list.iter().any(|entry| entry.is_empty() || entry == "@");
+        odd.then(|| (key, "a list of \"*\", users, and groups with @ before them".to_owned()))
+    };
+    let mode = || Some(("service.socket_mode", "0o000 to 0o777".to_owned()));
     within("source.rate", source.rate, 0.0..=1000.0)
+        .or_else(|| no_directory.then(directory).flatten())
+        .or_else(|| (service.socket_mode > 0o777).then(mode).flatten())
+        .or_else(|| who("service.watch", &service.watch))
+        .or_else(|| who("service.change", &service.change))
+        .or_else(|| within("service.max_connections", service.max_connections as f64, 2.0..=10_000.0))
         .or_else(|| service.socket.as_os_str().is_empty().then(socket).flatten())
         .or_else(|| focal("camera.fx", camera.fx))
         .or_else(|| focal("camera.fy", camera.fy))
@@ -389,6 +427,40 @@ impl Config {
         toml::to_string(self).expect("numbers, texts and paths in UTF-8 can be written as TOML")
     }
 
+    /// Hex of the first 8 bytes of BLAKE3 over the keys that a capture goes by: those of the camera, the
+    /// mask, the hold, the blades and their refinement.
+    pub fn capture_hash(&self) -> String {
+        let Self { camera, mask, capture, blade, refine, .. } = self.clone();
+        let relevant = Self { camera, mask, capture, blade, refine, ..Self::default() };
+        blake3::hash(relevant.to_toml().as_bytes()).to_hex()[..16].to_owned()
+    }
+
+    /// Keys whose values differ between this configuration and `other`, as dotted paths in order.
+    pub fn differences(&self, other: &Self) -> Vec<String> {
+        let [mine, theirs] = [self, other].map(|config| {
+            let table: toml::Table = toml::from_str(&config.to_toml()).expect("it was written as TOML");
+            let mut keys = std::collections::BTreeMap::new();
+            for (name, section) in table {
+                for (key, value) in section.as_table().into_iter().flatten() {
+                    keys.insert(format!("{name}.{key}"), value.to_string());
+                }
+            }
+            keys
+        });
+        let mut keys: Vec<String> = mine.keys().chain(theirs.keys()).cloned().collect();
+        keys.sort();
+        keys.dedup();
+        keys.retain(|key| mine.get(key) != theirs.get(key));
+        keys
+    }
+
+    /// Whether a running station can take another value of `key`.
+    pub fn is_live(key: &str) -> bool {
+        let live = ["camera.tilt_rad", "camera.roll_rad", "service.watch", "service.change"];
+        let sections = ["mask.", "capture.", "blade.", "refine."];
+        live.contains(&key) || sections.iter().any(|section| key.starts_with(section))
+    }
+
     /// What a session is told.
     pub fn session_params(&self) -> SessionParams {
         let Self { camera, mask, capture, blade, refine, .. } = self;
@@ -424,71 +496,4 @@ impl Config {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn check(text: &str, sets: &[&str]) -> Result<Config, String> {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let path = folder.path().join("c.toml");
-        std::fs::write(&path, text).expect("it is writable");
-        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
-        let shown = path.display().to_string();
-        load(Some(&path), &sets).map_err(|error| error.to_string().replace(&shown, "c.toml"))
-    }
-
-    #[test]
-    fn the_shipped_file_documents_exactly_the_defaults() {
-        let text = include_str!("../capture-daemon.toml");
-        assert_eq!(check(text, &[]), Ok(Config::default()));
-        // Each key of the file stands there as a comment, and is a key.
-        let uncommented: String = text
-            .lines()
-            .map(|line| line.strip_prefix("#= ").unwrap_or(line))
-            .fold(String::new(), |all, line| all + line + "\n");
-        let all_keys = check(&uncommented, &[]).expect("every documented key is known");
-        assert_eq!(all_keys.camera_model().map(|camera| camera.fx), Some(570.0));
-        assert!(all_keys.mask.roi.is_some() && all_keys.source.recording.is_some());
-        let given = all_keys.open_options().camera.expect("a camera");
-        assert_eq!((given.camera.cy, given.distortion.coefficients()[0]), (239.5, -0.05));
-        assert_eq!(check(&all_keys.to_toml(), &[]), Ok(all_keys));
-    }
-
-    #[test]
-    fn errors_name_file_line_and_column() {
-        let error = |text| check(text, &[]).expect_err("invalid");
-        let unknown = error("[mask]\nnear_m = 0.4\n  fare_m = 1.0\n");
-        assert!(unknown.starts_with("c.toml:3:3: unknown key `fare_m`, expected one of"), "{unknown}");
-        let wrong_type = error("[refine]\nknots = \"many\"\n");
-        assert!(wrong_type.starts_with("c.toml:2:9: invalid type"), "{wrong_type}");
-        let range = error("[refine]\nknots = 65\n");
-        assert_eq!(range, "c.toml:2:1: `refine.knots` is out of range, expected 2 to 64");
-        let syntax = error("[mask\n");
-        assert!(syntax.starts_with("c.toml:1:"), "{syntax}");
-        let lens = error("camera = { fx = 9, fy = 9, cx = 0, cy = 0, distortion = [1.0] }");
-        assert!(lens.starts_with("c.toml:1:44: `camera.distortion`") && lens.contains("plumb_bob"), "{lens}");
-        let alone = error("[camera]\ndistortion = [0.1, 0, 0, 0]\n");
-        assert!(
-            alone.contains("c.toml:2:1: `camera.distortion` is out of range, expected camera.fx"),
-            "{alone}"
-        );
-        let order = error("mask = { near_m = 1.0, far_m = 0.5 }\n");
-        assert!(order.starts_with("c.toml:1:24: `mask.far_m`"), "{order}");
-        assert!(!error("x = 1\ny =\n").contains('\n'));
-    }
-
-    #[test]
-    fn set_wins_over_the_file() {
-        let config = check("[mask]\nnear_m = 0.4\nfar_m = 0.8\n", &["mask.near_m=0.5"]).expect("valid");
-        assert_eq!((config.mask.near_m, config.mask.far_m), (0.5, 0.8));
-    }
-
-    #[test]
-    fn a_bad_set_names_the_argument() {
-        let error = |set| check("", &[set]).expect_err("invalid");
-        assert!(error("mask.nears=1").contains("--set 'mask.nears=1', column 6: unknown key `nears`"));
-        assert!(error("service.socket=/tmp/x").contains("text needs quotes"));
-        assert!(error("refine.knots=1").starts_with("--set 'refine.knots=1', column 8: `refine.knots`"));
-        assert!(error("nonsense").contains("--set 'nonsense'"));
-        assert!(error("mask.near_m=nan").contains("out of range"));
-    }
-}
+mod tests;

@@ -1,194 +1,279 @@
-//! The verb `run`: frames through the session on one thread, the service on another.
+//! The verb `run`: frames on one thread, the store on another, the service here; and how they begin,
+//! take another configuration, and end.
 
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
-use std::thread;
+use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use common::blade::Blade;
-use common::library::layout::MAX_BLADES;
-use common::protocol::Status;
-use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::watch;
+use common::protocol::{ReloadReply, StationError, Status};
+use sd_notify::NotifyState;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::{mpsc as async_mpsc, oneshot, watch};
 
-use crate::config::Config;
-use crate::control::{Published, Service, Socket};
-use crate::recording;
-use crate::replay::Pace;
-use crate::session::{Capture, Session};
-use crate::source::{FrameSource, SourceError};
+use crate::cli::ConfigArgs;
+use crate::config::{self, Config};
+use crate::frames::{self, FrameOrder, Frames, open_source};
+use crate::keeper::{self, Announcements, Holdings, Job, Keeper, Outcome};
+use crate::service::{Access, ReloadOrder, Service, Socket};
+use crate::store::Store;
+
+/// Where blades are kept when nothing says otherwise.
+const STATE_DIRECTORY: &str = "/var/lib/sward";
+/// How often systemd's status line is brought up to date.
+const STATUS_EVERY: Duration = Duration::from_secs(2);
 
 /// Runs the station until SIGTERM or SIGINT; a second signal ends it at once.
 ///
 /// # Errors
-/// When the socket is in use, or the recording that is to be the sensor cannot be opened.
-pub fn run(config: &Config) -> anyhow::Result<()> {
+/// A configuration that is not valid; the socket or the state directory in use; a recording that is to
+/// be the sensor and cannot be opened.
+pub fn run(args: &ConfigArgs) -> anyhow::Result<()> {
+    let config = config::load(args.config.as_deref(), &args.sets)?;
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .context("the service's runtime cannot be started")?;
-    tokio::task::LocalSet::new().block_on(&runtime, serve(config))
+    tokio::task::LocalSet::new().block_on(&runtime, serve(args, config))
 }
 
-async fn serve(config: &Config) -> anyhow::Result<()> {
-    let mut terminate = signal(SignalKind::terminate()).context("SIGTERM cannot be handled")?;
-    let mut interrupt = signal(SignalKind::interrupt()).context("SIGINT cannot be handled")?;
-    let source = open_source(config)?;
-    let socket = Socket::bind(&config.service.socket).await?;
-    // Grows across restarts as long as the clock does not step back by more than the station ran.
-    let generation = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |now| now.as_micros() as u64);
-    let status = Status {
+fn heed(kind: SignalKind, name: &str) -> anyhow::Result<Signal> {
+    signal(kind).with_context(|| format!("{name} cannot be handled"))
+}
+
+/// The signals that end the station.
+struct EndSignals {
+    terminate: Signal,
+    interrupt: Signal,
+}
+
+impl EndSignals {
+    fn new() -> anyhow::Result<Self> {
+        let terminate = heed(SignalKind::terminate(), "SIGTERM")?;
+        Ok(Self { terminate, interrupt: heed(SignalKind::interrupt(), "SIGINT")? })
+    }
+
+    /// Which of them came.
+    async fn next(&mut self) -> &'static str {
+        tokio::select! { _ = self.terminate.recv() => "SIGTERM", _ = self.interrupt.recv() => "SIGINT" }
+    }
+}
+
+/// A thread, and how one hears of its end.
+struct Worker {
+    thread: JoinHandle<()>,
+    ended: oneshot::Receiver<()>,
+}
+
+impl Worker {
+    fn start(name: &str, work: impl FnOnce() + Send + 'static) -> anyhow::Result<Self> {
+        let (alive, ended) = oneshot::channel::<()>();
+        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+            // Dropped at its end, also by a panic.
+            let _alive = alive;
+            work();
+        });
+        let thread = thread.with_context(|| format!("the thread of the {name} cannot be started"))?;
+        Ok(Self { thread, ended })
+    }
+
+    async fn join(self) -> bool {
+        let joined = tokio::task::spawn_blocking(move || self.thread.join()).await;
+        matches!(joined, Ok(Ok(())))
+    }
+}
+
+async fn serve(args: &ConfigArgs, config: Config) -> anyhow::Result<()> {
+    let mut ends = EndSignals::new()?;
+    let mut hang_up = heed(SignalKind::hangup(), "SIGHUP")?;
+    let source = open_source(&config)?;
+    let socket = Socket::bind(&config.service.socket, config.service.socket_mode).await?;
+    let store = open_store(&config).await?;
+
+    let (library, library_seen) = watch::channel(None);
+    let (holdings, holdings_seen) = watch::channel(Arc::new(Holdings::default()));
+    let description = source.as_ref().map_or_else(|| "none".to_owned(), |source| source.describe());
+    let (status, status_seen) = watch::channel(first_status(description, &config));
+    let (access, access_seen) = watch::channel(access_of(&config));
+    let (jobs, jobs_come) = mpsc::sync_channel(keeper::QUEUE);
+    let (orders, orders_come) = mpsc::sync_channel(frames::QUEUE);
+    let (reload, mut reloads_come) = async_mpsc::channel::<ReloadOrder>(4);
+
+    let mut keeper = Keeper::new(store, Announcements { library, holdings }, jobs.clone());
+    keeper.begin();
+    let mut keeper = Worker::start("store", move || keeper.run(&jobs_come))?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let frames = Frames::new(&config, status, jobs.clone(), orders_come, Arc::clone(&stop));
+    let mut frames = Worker::start("frames", move || frames.run(source))?;
+
+    let service = Service {
+        library: library_seen,
+        holdings: holdings_seen,
+        status: status_seen,
+        access: access_seen,
+        keeper: jobs.clone(),
+        frames: orders.clone(),
+        reload,
+        clients: Arc::default(),
+    };
+    let overview = service.clone();
+    let limit = config.service.max_connections;
+    let shown = config.service.socket.display().to_string();
+    tracing::info!(
+        socket = shown,
+        source = overview.status().source,
+        blades = overview.status().blades,
+        "ready"
+    );
+    tell_systemd(&[NotifyState::Ready, NotifyState::Status(&line(&overview.status()))]);
+
+    let mut reloader = Reloader { args, config, access, orders };
+    let mut said = String::new();
+    let mut ticks = tokio::time::interval(STATUS_EVERY);
+    let serving = socket.serve(service, limit);
+    tokio::pin!(serving);
+    let failed = loop {
+        tokio::select! {
+            () = &mut serving => break None,
+            name = ends.next() => {
+                tracing::info!("{name}: ending");
+                break None;
+            }
+            _ = hang_up.recv() => {
+                // Told in the log; whoever wants to know calls Reload.
+                let _ = reloader.reload();
+            }
+            Some(asked) = reloads_come.recv() => {
+                let _ = asked.send(reloader.reload());
+            }
+            _ = ticks.tick() => {
+                let line = line(&overview.status());
+                if line != said {
+                    tell_systemd(&[NotifyState::Status(&line)]);
+                    said = line;
+                }
+            }
+            _ = &mut frames.ended => break Some("frames"),
+            _ = &mut keeper.ended => break Some("store"),
+        }
+    };
+    tell_systemd(&[NotifyState::Stopping]);
+    tokio::task::spawn_local(async move {
+        let name = ends.next().await;
+        tracing::warn!("{name}, the second signal: ending at once");
+        std::process::exit(1);
+    });
+    stop.store(true, Ordering::Relaxed);
+    let frames = frames.join().await;
+    // The keeper empties its queue: what was captured before the end is kept.
+    let stopped = tokio::task::spawn_blocking(move || jobs.send(Job::Stop)).await;
+    let keeper = keeper.join().await && stopped.is_ok();
+    if let Some(thread) = failed {
+        anyhow::bail!("the thread of the {thread} ended by itself; see the log above");
+    }
+    anyhow::ensure!(frames && keeper, "a thread panicked; see the log above");
+    Ok(())
+}
+
+async fn open_store(config: &Config) -> anyhow::Result<Store> {
+    let folder = config.store.directory.clone().unwrap_or_else(|| {
+        // systemd gives a list, of which the first is the service's own.
+        let given = std::env::var("STATE_DIRECTORY").unwrap_or_default();
+        match given.split(':').next() {
+            Some(first) if !first.is_empty() => PathBuf::from(first),
+            _ => PathBuf::from(STATE_DIRECTORY),
+        }
+    });
+    let now_us = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_micros() as u64);
+    let opened = tokio::task::spawn_blocking(move || Store::open(&folder, now_us)).await;
+    Ok(opened.context("the store cannot be opened")??)
+}
+
+fn access_of(config: &Config) -> Arc<Access> {
+    Arc::new(Access::new(&config.service.watch, &config.service.change))
+}
+
+fn first_status(source: String, config: &Config) -> Status {
+    Status {
         state: "waiting".to_owned(),
         generation: 0,
         blades: 0,
         frames: 0,
         captures: 0,
         skipped_frames: 0,
-        source: source.as_ref().map_or_else(|| "none".to_owned(), |source| source.describe()),
-    };
-    let (library, library_seen) = watch::channel(None);
-    let (status, status_seen) = watch::channel(status);
-    tracing::info!(socket = %config.service.socket.display(), source = status.borrow().source, "ready");
-    let (stop, stopped) = mpsc::channel::<()>();
-    let station = Station { config: config.clone(), blades: Vec::new(), generation, library, status };
-    let frames = source.map(|source| {
-        thread::Builder::new().name("frames".to_owned()).spawn(move || station.run(source, &stopped))
-    });
-    let frames = frames.transpose().context("the frame thread cannot be started")?;
-    let service = Service { library: library_seen, status: status_seen };
-    tokio::select! {
-        () = socket.serve(service) => {}
-        _ = terminate.recv() => tracing::info!("SIGTERM: ending"),
-        _ = interrupt.recv() => tracing::info!("SIGINT: ending"),
+        frames_per_second: 0.0,
+        source,
+        store: "ok".to_owned(),
+        waiting: 0,
+        lost: 0,
+        refused_files: 0,
+        clients: 0,
+        config: config.capture_hash(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
     }
-    drop(stop);
-    tokio::task::spawn_local(async move {
-        tokio::select! { _ = terminate.recv() => {} _ = interrupt.recv() => {} }
-        tracing::warn!("second signal: ending at once");
-        std::process::exit(1);
-    });
-    if let Some(frames) = frames {
-        let joined = tokio::task::spawn_blocking(move || frames.join()).await;
-        if !matches!(joined, Ok(Ok(()))) {
-            anyhow::bail!("the frame thread panicked; see the log above");
-        }
-    }
-    Ok(())
 }
 
-fn open_source(config: &Config) -> Result<Option<Box<dyn FrameSource + Send>>, recording::OpenError> {
-    let Some(path) = &config.source.recording else {
-        tracing::warn!("no source.recording is set: nothing will be captured");
-        return Ok(None);
-    };
-    recording::open(path, &config.open_options()).map(Some)
+/// Status as systemd shows it.
+fn line(status: &Status) -> String {
+    let Status { state, blades, captures, frames_per_second, store, .. } = status;
+    let trouble = if store == "ok" { String::new() } else { format!("; the store is in trouble: {store}") };
+    format!("{state}; {blades} blades, {captures} captures, {frames_per_second} frames a second{trouble}")
 }
 
-/// What the frame thread owns.
-struct Station {
+fn tell_systemd(states: &[NotifyState<'_>]) {
+    if let Err(error) = sd_notify::notify(states) {
+        tracing::debug!(%error, "systemd cannot be told");
+    }
+}
+
+/// Takes another configuration while the station runs.
+struct Reloader<'a> {
+    args: &'a ConfigArgs,
     config: Config,
-    blades: Vec<Blade>,
-    generation: u64,
-    library: watch::Sender<Option<Arc<Published>>>,
-    status: watch::Sender<Status>,
+    access: watch::Sender<Arc<Access>>,
+    orders: mpsc::SyncSender<FrameOrder>,
 }
 
-impl Station {
-    /// Plays the source until it ends or `stopped` is closed.
-    fn run(mut self, mut source: Box<dyn FrameSource + Send>, stopped: &mpsc::Receiver<()>) {
-        let mut session = Session::new(self.config.session_params());
-        let rate = self.config.source.rate;
-        let mut pace = (rate > 0.0).then(|| Pace::new(rate));
-        let ended = |wait| !matches!(stopped.recv_timeout(wait), Err(mpsc::RecvTimeoutError::Timeout));
-        loop {
-            let frame = match source.next_frame() {
-                Ok(frame) => frame,
-                Err(SourceError::BadFrame(reason)) => {
-                    tracing::debug!(reason, "a frame was skipped");
-                    self.status.send_modify(|status| status.skipped_frames += 1);
-                    continue;
-                }
-                Err(SourceError::End) if self.config.source.looped => match open_source(&self.config) {
-                    Ok(Some(again)) => {
-                        source = again;
-                        // The recording's clock steps back here, so the session begins anew too.
-                        session = Session::new(self.config.session_params());
-                        pace = pace.map(|_| Pace::new(rate));
-                        if ended(Duration::ZERO) {
-                            return;
-                        }
-                        continue;
-                    }
-                    Ok(None) => return,
-                    Err(error) => return tracing::error!(%error, "the recording cannot be played again"),
-                },
-                Err(SourceError::End) => return tracing::info!("the recording is over"),
-                Err(SourceError::Failed(reason)) => {
-                    return tracing::error!(reason, "the recording cannot be read further");
-                }
-            };
-            if ended(pace.as_mut().map_or(Duration::ZERO, |pace| pace.wait(frame.timestamp_ns))) {
-                return;
+impl Reloader<'_> {
+    /// Reads the configuration again; when it is valid, the frame thread goes by it from its next frame
+    /// on.
+    fn reload(&mut self) -> Outcome<ReloadReply> {
+        let mut reloading = vec![NotifyState::Reloading];
+        reloading.extend(NotifyState::monotonic_usec_now());
+        tell_systemd(&reloading);
+        let outcome = self.swap();
+        match &outcome {
+            Ok(ReloadReply { changed, restart }) => {
+                tracing::info!(changed = changed.join(", "), restart = restart.join(", "), "reloaded");
             }
-            if let Some(capture) = session.push(&frame) {
-                self.publish(capture);
-            }
-            let state = session.state().name();
-            self.status.send_modify(|status| {
-                status.frames += 1;
-                if status.state != state {
-                    state.clone_into(&mut status.state);
-                }
-            });
+            Err(error) => tracing::error!(%error, "the configuration cannot be used; the old one stays"),
         }
+        tell_systemd(&[NotifyState::Ready]);
+        outcome
     }
 
-    fn publish(&mut self, capture: Capture) {
-        for refusal in &capture.steps.refused {
-            tracing::info!(frame = capture.frame, code = refusal.code(), %refusal, "refused");
-        }
-        let captured = capture.steps.blades;
-        if captured.is_empty() {
-            return;
-        }
-        for captured in &captured {
-            let (blade, quality) = (&captured.blade, &captured.quality);
-            let [length_mm, width_mm] =
-                [blade.length_m(), blade.max_width_m()].map(|m| format!("{:.1}", m * 1e3));
-            let score = format!("{:.2}", quality.score);
-            tracing::info!(
-                frame = capture.frame,
-                name = blade.name(),
-                length_mm,
-                width_mm,
-                quality = score,
-                "captured"
-            );
-        }
-        let known = |id| self.blades.iter().any(|blade| blade.id() == id);
-        let new: Vec<Blade> =
-            captured.into_iter().map(|captured| captured.blade).filter(|blade| !known(blade.id())).collect();
-        self.status.send_modify(|status| status.captures += 1);
-        if new.is_empty() {
-            // A looping recording shows the same blades again.
-            return;
-        }
-        self.blades.extend(new);
-        let surplus = self.blades.len().saturating_sub(MAX_BLADES);
-        if surplus > 0 {
-            tracing::warn!(surplus, "the library is full: the oldest blades go");
-            self.blades.drain(..surplus);
-        }
-        match Published::new(self.generation + 1, &self.blades) {
-            Ok(published) => {
-                self.generation += 1;
-                self.status.send_modify(|status| {
-                    status.generation = published.generation().cast_signed();
-                    status.blades = published.blades() as i64;
-                });
-                self.library.send_replace(Some(Arc::new(published)));
-            }
-            Err(error) => tracing::error!(%error, "the library cannot be published; the last one stays"),
-        }
+    fn swap(&mut self) -> Outcome<ReloadReply> {
+        let new = config::load(self.args.config.as_deref(), &self.args.sets)
+            .map_err(|error| StationError::InvalidConfig { reason: error.to_string() })?;
+        let (changed, restart): (Vec<String>, Vec<String>) =
+            self.config.differences(&new).into_iter().partition(|key| Config::is_live(key));
+        // What needs a restart is named again at the next reload.
+        let before = self.config.clone();
+        let config::ServiceConfig { watch, change, .. } = new.service.clone();
+        let config::CameraConfig { tilt_rad, roll_rad, .. } = new.camera;
+        let now = Config {
+            source: before.source,
+            store: before.store,
+            service: config::ServiceConfig { watch, change, ..before.service },
+            camera: config::CameraConfig { tilt_rad, roll_rad, ..before.camera },
+            ..new
+        };
+        let order = FrameOrder::Params(Box::new(now.session_params()), now.capture_hash());
+        self.orders.try_send(order).map_err(|_| StationError::Busy)?;
+        self.access.send_replace(access_of(&now));
+        self.config = now;
+        Ok(ReloadReply { changed, restart })
     }
 }

@@ -4,8 +4,9 @@ use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use capture_daemon::cli::{Cli, ConfigArgs, Verb};
+use capture_daemon::client::ClientError;
 use capture_daemon::config::{self, Config, ConfigError};
-use capture_daemon::{daemon, recording, replay, synth};
+use capture_daemon::{client, daemon, recording, replay, synth};
 use clap::Parser;
 use clap::error::ErrorKind;
 use common::sentence::{complain, of_causes, of_paragraphs, print};
@@ -36,7 +37,7 @@ fn main() -> ExitCode {
 
 fn perform(verb: &Verb) -> anyhow::Result<()> {
     match verb {
-        Verb::Run(args) => daemon::run(&load(args)?),
+        Verb::Run(args) => daemon::run(args),
         Verb::Replay(args) => replay::replay(args, &load(&args.config)?),
         Verb::Synth(args) => {
             let mut paths = String::new();
@@ -61,6 +62,9 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
             Ok(print(&format!("{}: {messages} messages, {images} of them images\n", args.out.display()))?)
         }
         Verb::CheckConfig(args) => load(args).map(drop),
+        Verb::Status(args) => client::status(args),
+        Verb::Reload(args) => client::reload(args),
+        Verb::Blades(verb) => client::blades(verb),
     }
 }
 
@@ -69,7 +73,8 @@ fn load(args: &ConfigArgs) -> anyhow::Result<Config> {
 }
 
 fn exit_code(error: &anyhow::Error) -> u8 {
-    if error.is::<ConfigError>() {
+    let refused = error.downcast_ref::<ClientError>();
+    if error.is::<ConfigError>() || refused.is_some_and(ClientError::is_bad_argument) {
         BAD_ARGUMENTS
     } else if error.is::<recording::OpenError>()
         || matches!(error.downcast_ref(), Some(recording::RecoverError::Open(_)))

@@ -37,6 +37,8 @@ pub struct Session {
     held: Option<Accumulation>,
     outside: Watch,
     frames: u64,
+    /// Someone has asked for a capture before the hold is over.
+    is_due: bool,
 }
 
 impl Session {
@@ -56,7 +58,12 @@ impl Session {
             self.state = State::Waiting;
         }
         let seen = presence::presence(frame, mask);
-        let (state, effect) = station::step(self.state, seen, frame.timestamp_ns, &self.params.station);
+        let (state, effect) = match station::step(self.state, seen, frame.timestamp_ns, &self.params.station)
+        {
+            (State::Settling { .. }, Effect::Add) if self.is_due => (State::Captured, Effect::AddAndCapture),
+            other => other,
+        };
+        self.is_due &= matches!(state, State::Settling { .. });
         self.state = state;
         if state == State::Waiting {
             let side = self.outside.push(frame, mask)?;
@@ -77,6 +84,28 @@ impl Session {
             timestamp_ns: frame.timestamp_ns,
             steps: pipeline::capture(held, &frame.camera, frame.timestamp_ns, &self.params.pipeline),
         })
+    }
+
+    /// Has what is held captured: as soon as it stands still from one frame to the next, or, if it was
+    /// captured before, after another hold. Where the next frame shows nothing, this does nothing.
+    pub fn demand(&mut self) {
+        match self.state {
+            State::Waiting | State::Settling { .. } => self.is_due = true,
+            State::Captured => self.state = State::Waiting,
+        }
+    }
+
+    /// Goes by other parameters from the next frame on. No frame is lost; where the mask is another, what
+    /// was added up by the old one is not mixed with what comes, and the hold begins anew.
+    pub fn set_params(&mut self, params: SessionParams) {
+        if params.pipeline.mask != self.params.pipeline.mask {
+            self.held = None;
+            self.outside.interrupt();
+            if matches!(self.state, State::Settling { .. }) {
+                self.state = State::Waiting;
+            }
+        }
+        self.params = params;
     }
 
     /// What is to be said of something that stands still outside of the window: nothing, if it does not look
@@ -102,5 +131,76 @@ impl Session {
     /// Frames taken so far.
     pub fn frames(&self) -> u64 {
         self.frames
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::CameraModel;
+
+    /// A frame with an upright bar half a metre away, or with nothing.
+    fn frame(index: u64, is_held: bool) -> DepthFrame {
+        let (width, height) = (160, 120);
+        let depth = (0..width * height).map(|at| {
+            let (x, y) = (at % width, at / width);
+            let bar = is_held && (70..78).contains(&x) && (20..100).contains(&y);
+            if bar { 500 } else { 1300 }
+        });
+        DepthFrame {
+            width,
+            height,
+            depth: depth.collect(),
+            depth_unit_m: 0.001,
+            camera: CameraModel { fx: 140.0, fy: 140.0, cx: 79.5, cy: 59.5 },
+            timestamp_ns: 1_000_000_000 + index * 33_333_333,
+        }
+    }
+
+    /// Indices of the frames that captured; `change` is called before each frame.
+    fn captures(held: impl Fn(u64) -> bool, mut change: impl FnMut(u64, &mut Session)) -> Vec<u64> {
+        let mut session = Session::default();
+        let mut captured = Vec::new();
+        for index in 0..60 {
+            change(index, &mut session);
+            captured.extend(session.push(&frame(index, held(index))).map(|capture| capture.frame));
+        }
+        assert_eq!(session.frames(), 60, "no frame is lost");
+        captured
+    }
+
+    #[test]
+    fn a_demand_captures_during_the_hold_and_again_after_it() {
+        assert_eq!(captures(|_| true, |_, _| {}), [16]);
+        let at = |frames: &'static [u64]| {
+            move |index: u64, session: &mut Session| {
+                if frames.contains(&index) {
+                    session.demand();
+                }
+            }
+        };
+        assert_eq!(captures(|_| true, at(&[5])), [5]);
+        assert_eq!(captures(|_| true, at(&[30])), [16, 46]);
+        assert_eq!(captures(|_| false, at(&[5])), [0; 0]);
+        assert_eq!(captures(|index| index > 10, at(&[5])), [27], "a demand for nothing is forgotten");
+    }
+
+    #[test]
+    fn parameters_change_without_losing_a_frame() {
+        let with = |change: fn(&mut SessionParams)| {
+            captures(
+                |_| true,
+                move |index, session| {
+                    if index == 10 {
+                        let mut params = SessionParams::default();
+                        change(&mut params);
+                        session.set_params(params);
+                    }
+                },
+            )
+        };
+        assert_eq!(with(|params| params.pipeline.refine.knots = 5), [16]);
+        assert_eq!(with(|params| params.station.hold_s = 1.0), [31]);
+        assert_eq!(with(|params| params.pipeline.mask.near_m = 0.31), [26], "the hold begins anew");
     }
 }

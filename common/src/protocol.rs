@@ -23,7 +23,7 @@ pub struct Library {
 }
 
 /// What the station is doing.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, introspect::CustomType)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, introspect::CustomType)]
 #[zlink(crate = "zlink_core")]
 pub struct Status {
     /// `waiting`, `settling` or `captured`.
@@ -38,12 +38,98 @@ pub struct Status {
     pub captures: i64,
     /// Frames that could not be read or used.
     pub skipped_frames: i64,
+    /// Over the last second or so.
+    pub frames_per_second: f64,
     /// Where the frames come from.
     pub source: String,
+    /// `ok`, or why blades cannot be written at present.
+    pub store: String,
+    /// Captured blades that are announced as soon as they can be written.
+    pub waiting: i64,
+    /// Captured blades that found no room.
+    pub lost: i64,
+    /// Files in the store that are no blades.
+    pub refused_files: i64,
+    /// Connections at present.
+    pub clients: i64,
+    /// Hex of a hash of the keys that the capture goes by.
+    pub config: String,
+    /// Of the program.
+    pub version: String,
+}
+
+/// A blade of the library.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, introspect::CustomType)]
+#[zlink(crate = "zlink_core")]
+pub struct Blade {
+    /// Its name, 1 to 48 bytes.
+    pub name: String,
+    /// Its id, 32 hexadecimal digits.
+    pub id: String,
+    /// `blade` or `leaf`.
+    pub kind: String,
+    /// Arc length of the midrib, metres.
+    pub length_m: f64,
+    /// Largest width, metres.
+    pub max_width_m: f64,
+    /// Number of knots.
+    pub knots: i64,
+    /// How often it stands in the meadow, relative to the others.
+    pub mix: f64,
+    /// 0 to 1.
+    pub quality: f64,
+    /// It never goes to the archive by itself.
+    pub pinned: bool,
+    /// When it was captured, nanoseconds since 1970.
+    pub captured_unix_ns: i64,
+    /// The recording or sensor it comes from.
+    pub source: Option<String>,
+    /// Frames that were added up.
+    pub frames: Option<i64>,
+}
+
+/// A file in the store that is no blade.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, introspect::CustomType)]
+#[zlink(crate = "zlink_core")]
+pub struct RefusedFile {
+    /// The name that its blade would have.
+    pub name: String,
+    /// File, line, column, and what is wrong.
+    pub reason: String,
+}
+
+/// The reply of `ListBlades`.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct ListBladesReply {
+    /// The library's blades in its order.
+    pub blades: Vec<Blade>,
+    /// Files that are none.
+    pub refused: Vec<RefusedFile>,
+}
+
+/// The reply of `Capture`.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct CaptureReply {
+    /// The new blades.
+    pub names: Vec<String>,
+    /// Why something else that was seen is none, for the visitor.
+    pub refused: Vec<String>,
+}
+
+/// The reply of `Reload`.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct ReloadReply {
+    /// Keys that hold another value from now on.
+    pub changed: Vec<String>,
+    /// Keys that do so only after a restart.
+    pub restart: Vec<String>,
 }
 
 /// The reply of `GetStatus`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, introspect::Type)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, introspect::Type)]
 #[zlink(crate = "zlink_core")]
 pub struct GetStatusReply {
     /// The status.
@@ -51,7 +137,7 @@ pub struct GetStatusReply {
 }
 
 /// The errors of the interface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, zlink_core::ReplyError, introspect::ReplyError)]
+#[derive(Clone, Debug, PartialEq, zlink_core::ReplyError, introspect::ReplyError)]
 #[zlink(interface = "io.sward.Station", crate = "zlink_core")]
 pub enum StationError {
     /// `after` was below zero.
@@ -61,4 +147,140 @@ pub enum StationError {
     },
     /// The station has no file descriptor left for the reply; try again.
     OutOfDescriptors,
+    /// There is no blade of this name.
+    NoSuchBlade {
+        /// What was sent.
+        name: String,
+    },
+    /// Another blade has this name, or the id of the one to be restored.
+    NameTaken {
+        /// The other blade.
+        name: String,
+    },
+    /// No blade can have this name.
+    InvalidName {
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The weight was below zero or too large.
+    InvalidMix {
+        /// What was sent.
+        mix: f64,
+    },
+    /// There is no earlier blade of this name.
+    NothingToRestore {
+        /// What was sent.
+        name: String,
+    },
+    /// The blade's file was edited and is not valid.
+    FileRefused {
+        /// File, line, column, and what is wrong.
+        reason: String,
+    },
+    /// The disk is full, read-only or broken, or all blades of a full library are pinned.
+    StoreTrouble {
+        /// What the system said.
+        reason: String,
+    },
+    /// Nothing is held before the camera, or it went away before it was captured.
+    NothingHeld,
+    /// No frames come.
+    NoFrames,
+    /// The configuration is not valid; the old one stays.
+    InvalidConfig {
+        /// File, line, column, and what is wrong.
+        reason: String,
+    },
+    /// Too much is asked of the station at once; try again.
+    Busy,
+}
+
+impl std::fmt::Display for StationError {
+    /// What it means and what to do; no full stop.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::InvalidGeneration { after } => write!(f, "the generation {after} is below zero"),
+            Self::OutOfDescriptors => f.write_str("the station has no file descriptor left; try again"),
+            Self::NoSuchBlade { name } => {
+                write!(f, "there is no blade {name:?}; sward-capture blades list shows what there is")
+            }
+            Self::NameTaken { name } => {
+                write!(
+                    f,
+                    "there is a blade {name:?} already; rename or remove it first, or choose another name"
+                )
+            }
+            Self::InvalidName { reason } | Self::FileRefused { reason } | Self::InvalidConfig { reason } => {
+                f.write_str(reason)
+            }
+            Self::InvalidMix { mix } => write!(f, "the mix weight is {mix}, expected a number of 0 or more"),
+            Self::NothingToRestore { name } => write!(f, "there is no earlier blade {name:?} to go back to"),
+            Self::StoreTrouble { reason } => {
+                write!(
+                    f,
+                    "the store cannot do it: {reason}; nothing has changed, try again when that is mended"
+                )
+            }
+            Self::NothingHeld => {
+                f.write_str("nothing is held before the camera; hold something up and try again")
+            }
+            Self::NoFrames => f.write_str("no frames come: there is no sensor, or the recording is over"),
+            Self::Busy => f.write_str("the station is busy; try again"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use zlink_core::introspect::{CustomType, ReplyError, Type};
+
+    use super::*;
+
+    /// Without comments and spaces.
+    fn bare(text: &str) -> String {
+        let code = text.lines().map(|line| line.split('#').next().unwrap_or_default());
+        code.collect::<Vec<_>>().join(" ").split_whitespace().collect()
+    }
+
+    /// What stands in the file, member by member.
+    fn members() -> BTreeSet<String> {
+        let code: Vec<&str> = DEFINITION.lines().filter(|line| !line.starts_with('#')).collect();
+        let code = code.join("\n");
+        let starts = ["\nmethod ", "\ntype ", "\nerror "];
+        let mut ends: Vec<usize> =
+            starts.iter().flat_map(|start| code.match_indices(start)).map(|(at, _)| at).collect();
+        ends.sort_unstable();
+        ends.push(code.len());
+        ends.windows(2).map(|pair| bare(&code[pair[0]..pair[1]])).collect()
+    }
+
+    #[test]
+    fn the_types_are_those_of_the_file() {
+        let members = members();
+        let mut known = BTreeSet::new();
+        for custom in [Status::CUSTOM_TYPE, Blade::CUSTOM_TYPE, RefusedFile::CUSTOM_TYPE] {
+            known.insert(bare(&custom.to_string()));
+        }
+        for error in StationError::VARIANTS {
+            known.insert(bare(&error.to_string()));
+        }
+        for (call, reply) in [
+            ("GetLibrary(after:int)", Library::TYPE),
+            ("GetStatus()", GetStatusReply::TYPE),
+            ("ListBlades()", ListBladesReply::TYPE),
+            ("Capture()", CaptureReply::TYPE),
+            ("Reload()", ReloadReply::TYPE),
+        ] {
+            known.insert(format!("method{call}->{}", bare(&reply.to_string())));
+        }
+        for call in ["SetMix(name:string,mix:float)", "RenameBlade(name:string,new_name:string)"] {
+            known.insert(format!("method{call}->()"));
+        }
+        for name in ["RemoveBlade", "RestoreBlade"] {
+            known.insert(format!("method{name}(name:string)->()"));
+        }
+        assert_eq!(known, members);
+    }
 }

@@ -6,6 +6,7 @@
 //! - `SWARD_FUZZ_SECONDS`: run each target for so long;
 //! - `SWARD_FUZZ_START` and `SWARD_FUZZ_CASES`: the first case, and how many; what a failure prints.
 
+mod blades;
 mod chain;
 mod config;
 mod driver;
@@ -40,6 +41,11 @@ fn damaged_folders() {
 #[test]
 fn damaged_configurations() {
     run("damaged_configurations", 800, config::case);
+}
+
+#[test]
+fn damaged_blade_files() {
+    run("damaged_blade_files", 2000, blades::case);
 }
 
 #[test]

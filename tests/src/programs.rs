@@ -42,7 +42,9 @@ impl Program {
     pub fn command<A: AsRef<OsStr>>(self, arguments: impl IntoIterator<Item = A>) -> Command {
         let mut command = Command::new(self.path());
         command.args(arguments).current_dir(root()).stdin(Stdio::null());
-        for variable in ["DISPLAY", "WAYLAND_DISPLAY", "SWARD_LOG", "NOTIFY_SOCKET", "LISTEN_FDS"] {
+        for variable in
+            ["DISPLAY", "WAYLAND_DISPLAY", "SWARD_LOG", "NOTIFY_SOCKET", "LISTEN_FDS", "STATE_DIRECTORY"]
+        {
             command.env_remove(variable);
         }
         // Where it is not set, Vulkan drivers that look for a display complain on stderr.
@@ -147,8 +149,18 @@ impl Running {
 
     /// Asks it to end (SIGTERM).
     pub fn terminate(&self) {
-        let id = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw).expect("a process has an id");
-        kill_process(id, Signal::TERM).expect("it has not been waited for");
+        self.signal(Signal::TERM);
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&self, signal: Signal) {
+        let id = i32::try_from(self.id()).ok().and_then(Pid::from_raw).expect("a process has an id");
+        kill_process(id, signal).expect("it has not been waited for");
+    }
+
+    /// Its process id.
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     /// Kills it and waits for its end.

@@ -1,7 +1,7 @@
 //! A client of the station's socket that shares no code with the programs: varlink as it stands on
 //! the wire, JSON ended by a zero byte, with file descriptors beside it.
 
-use std::io::{IoSliceMut, Write};
+use std::io::{self, IoSliceMut, Write};
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
@@ -47,33 +47,67 @@ impl Station {
         reply["parameters"]["description"].as_str().expect("a description").to_owned()
     }
 
-    fn ask(&mut self, method: &str, parameters: &Value) -> (Value, Vec<OwnedFd>) {
-        let call = json!({"method": method, "parameters": parameters});
-        let mut bytes = call.to_string().into_bytes();
-        bytes.push(0);
-        self.0.write_all(&bytes).expect("the station reads");
-        let (mut reply, mut descriptors) = (Vec::new(), Vec::new());
-        while reply.last() != Some(&0) {
-            self.receive(&mut reply, &mut descriptors);
-        }
-        reply.pop();
-        (serde_json::from_slice(&reply).expect("a reply is JSON"), descriptors)
+    /// Calls a method by its full name; the reply as it came, and its descriptors.
+    ///
+    /// # Panics
+    /// If the station hangs up, is silent for too long, or answers with something else than JSON.
+    pub fn ask(&mut self, method: &str, parameters: &Value) -> (Value, Vec<OwnedFd>) {
+        self.try_ask(method, parameters).expect("the station answers in time")
     }
 
-    fn receive(&self, reply: &mut Vec<u8>, descriptors: &mut Vec<OwnedFd>) {
+    /// The same; an error when the station has gone.
+    ///
+    /// # Errors
+    /// When the station hangs up or is silent for too long.
+    ///
+    /// # Panics
+    /// If it answers with something else than JSON.
+    pub fn try_ask(&mut self, method: &str, parameters: &Value) -> io::Result<(Value, Vec<OwnedFd>)> {
+        let call = json!({"method": method, "parameters": parameters});
+        self.send(call.to_string().as_bytes())?;
+        self.reply()
+    }
+
+    /// Sends the bytes of one message, and the zero byte that ends it.
+    ///
+    /// # Errors
+    /// When the station has gone, or does not read.
+    pub fn send(&mut self, message: &[u8]) -> io::Result<()> {
+        self.0.write_all(&[message, &[0]].concat())
+    }
+
+    /// The next reply and its descriptors.
+    ///
+    /// # Errors
+    /// When the station hangs up or is silent for too long.
+    ///
+    /// # Panics
+    /// If it is something else than JSON.
+    pub fn reply(&mut self) -> io::Result<(Value, Vec<OwnedFd>)> {
+        let (mut reply, mut descriptors) = (Vec::new(), Vec::new());
+        while reply.last() != Some(&0) {
+            self.receive(&mut reply, &mut descriptors)?;
+        }
+        reply.pop();
+        Ok((serde_json::from_slice(&reply).expect("a reply is JSON"), descriptors))
+    }
+
+    fn receive(&self, reply: &mut Vec<u8>, descriptors: &mut Vec<OwnedFd>) -> io::Result<()> {
         let mut bytes = [0; 4096];
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(8))];
         let mut ancillary = RecvAncillaryBuffer::new(&mut space);
         let mut slices = [IoSliceMut::new(&mut bytes)];
-        let message = recvmsg(&self.0, &mut slices, &mut ancillary, RecvFlags::CMSG_CLOEXEC);
-        let read = message.expect("the station answers in time").bytes;
-        assert!(read > 0, "the station hung up");
+        let read = recvmsg(&self.0, &mut slices, &mut ancillary, RecvFlags::CMSG_CLOEXEC)?.bytes;
+        if read == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
         for message in ancillary.drain() {
             if let RecvAncillaryMessage::ScmRights(rights) = message {
                 descriptors.extend(rights);
             }
         }
         reply.extend_from_slice(&bytes[..read]);
+        Ok(())
     }
 
     /// The newest library, as soon as there is one newer than generation `after`.
@@ -81,7 +115,18 @@ impl Station {
     /// # Panics
     /// If what comes is not one sealed, valid library that keeps what the reply says of it.
     pub fn library(&mut self, after: u64) -> Snapshot<SealedBytes> {
-        let (reply, descriptors) = self.call("GetLibrary", &json!({"after": after}));
+        self.try_library(after).expect("the station answers in time")
+    }
+
+    /// The same; an error when the station has gone.
+    ///
+    /// # Errors
+    /// When the station hangs up or is silent for too long.
+    ///
+    /// # Panics
+    /// If what comes is not one sealed, valid library that keeps what the reply says of it.
+    pub fn try_library(&mut self, after: u64) -> io::Result<Snapshot<SealedBytes>> {
+        let (reply, descriptors) = self.try_ask("io.sward.Station.GetLibrary", &json!({"after": after}))?;
         let number = |field: &str| reply["parameters"][field].as_u64().unwrap_or_else(|| panic!("{reply}"));
         assert_eq!((descriptors.len(), number("fd")), (1, 0), "one memfd: {reply}");
         let bytes = SealedBytes::map(&descriptors[0], number("size")).expect("a sealed memfd");
@@ -90,7 +135,7 @@ impl Station {
         assert_eq!(snapshot.generation(), number("generation"));
         assert_eq!(snapshot.len() as u64, number("blades"));
         assert!(snapshot.generation() > after);
-        snapshot
+        Ok(snapshot)
     }
 
     /// The first library with at least `blades` blades.

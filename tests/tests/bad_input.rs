@@ -150,6 +150,8 @@ fn a_socket_in_use() {
         format!("service.socket={:?}", text(&socket)),
         "--set".to_owned(),
         "source.loop=true".to_owned(),
+        "--set".to_owned(),
+        format!("store.directory={:?}", text(&folder.path().join("state"))),
     ];
     let first = Running::start(Program::Capture.command(&arguments)).wait_for_socket(&socket);
     refused(&run(Program::Capture, &arguments), 1, &[text(&socket)]);

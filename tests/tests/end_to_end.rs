@@ -10,9 +10,9 @@ use common::blade::check_knots;
 use common::library::library_hash;
 use serde_json::{Value, json};
 use tempfile::TempDir;
-use tests::programs::{DEADLINE, Program, Running};
+use tests::daemon::Daemon;
+use tests::programs::Program;
 use tests::shipped_recording;
-use tests::station::Station;
 
 /// Two visitors after each other, each with a blade: the frames of two synthetic recordings in one
 /// folder of pictures.
@@ -34,44 +34,14 @@ fn two_visitors(folder: &Path) -> PathBuf {
     both
 }
 
-/// A daemon on a recording, with a socket of its own.
-struct Daemon {
-    folder: TempDir,
-    running: Running,
+fn on_the_shipped_recording() -> Daemon {
+    Daemon::start(&[("source.rate", "0.0".to_owned())])
 }
 
-impl Daemon {
-    /// `rate`: how fast the recording of `folder` plays, 0 as fast as it can.
-    fn start(folder: TempDir, recording: &Path, rate: f64) -> Self {
-        let socket = folder.path().join("station.socket");
-        let settings = [
-            format!("source.recording={recording:?}"),
-            format!("source.rate={rate:?}"),
-            format!("service.socket={socket:?}"),
-        ];
-        let arguments = settings.into_iter().flat_map(|setting| ["--set".to_owned(), setting]);
-        let command = Program::Capture.command(["run".to_owned()].into_iter().chain(arguments));
-        let running = Running::start(command).wait_for_socket(&socket);
-        Self { folder, running }
-    }
-
-    fn on_the_shipped_recording() -> Self {
-        Self::start(folder(), &shipped_recording(), 0.0)
-    }
-
-    fn on_two_visitors() -> Self {
-        let folder = folder();
-        let recording = two_visitors(folder.path());
-        Self::start(folder, &recording, 1.0)
-    }
-
-    fn socket(&self) -> PathBuf {
-        self.folder.path().join("station.socket")
-    }
-
-    fn connect(&self) -> Station {
-        Station::connect(&self.socket())
-    }
+fn on_two_visitors() -> Daemon {
+    let folder = folder();
+    let recording = two_visitors(folder.path());
+    Daemon::start_in(folder, &[("source.recording", format!("{recording:?}"))])
 }
 
 fn folder() -> TempDir {
@@ -96,7 +66,7 @@ fn the_library_holds_the_very_blades_of_a_replay() {
     assert!(!ids.is_empty(), "the recording shows blades");
     assert_eq!(end["blades"].as_u64(), Some(ids.len() as u64));
 
-    let daemon = Daemon::on_the_shipped_recording();
+    let daemon = on_the_shipped_recording();
     let library = daemon.connect().library_of_at_least(ids.len());
     let captured: BTreeSet<String> = library.blades().map(|blade| blade.id().to_string()).collect();
     assert_eq!(captured.iter().map(String::as_str).collect::<BTreeSet<_>>(), ids);
@@ -110,7 +80,7 @@ fn a_replay_is_the_same_every_time() {
 
 #[test]
 fn a_reader_that_waits_gets_each_generation_and_one_that_stalls_the_newest() {
-    let daemon = Daemon::on_two_visitors();
+    let daemon = on_two_visitors();
     let (mut reader, mut stalled) = (daemon.connect(), daemon.connect());
     let seen = stalled.library(0).generation();
     let first = reader.library_of_at_least(1);
@@ -127,47 +97,29 @@ fn a_reader_that_waits_gets_each_generation_and_one_that_stalls_the_newest() {
 
 #[test]
 fn a_library_that_was_received_outlives_the_daemon() {
-    let mut daemon = Daemon::on_the_shipped_recording();
+    let daemon = on_the_shipped_recording();
     let library = daemon.connect().library_of_at_least(1);
     let hash = library_hash(library.bytes());
-    daemon.running.kill();
+    let _folder = daemon.kill();
     assert_eq!(library_hash(library.bytes()), hash);
     assert!(library.blades().all(|blade| check_knots(&blade.knots()).is_ok()));
 }
 
 #[test]
 fn a_daemon_that_is_asked_to_end_ends_and_takes_its_socket_with_it() {
-    let Daemon { folder, running } = Daemon::on_two_visitors();
-    running.terminate();
-    let finished = running.finish(DEADLINE);
+    let (folder, finished) = on_two_visitors().end();
     assert_eq!(finished.code, Some(0), "{finished:?}");
     assert!(!folder.path().join("station.socket").exists());
 }
 
 #[test]
 fn the_station_serves_the_interface_of_its_file() {
-    /// The members, each without comments and spaces.
-    fn members(text: &str) -> Vec<String> {
-        let code: String =
-            text.lines().map(|line| line.split('#').next().unwrap_or_default()).collect::<Vec<_>>().join(" ");
-        let spaced = ["method ", "type ", "error "]
-            .iter()
-            .fold(code, |code, word| code.replace(word, &format!("\n{word}")));
-        let mut members: Vec<String> = spaced
-            .lines()
-            .map(|line| line.split_whitespace().collect())
-            .filter(|line: &String| !line.is_empty())
-            .collect();
-        members.sort();
-        members
-    }
-    let served = Daemon::on_the_shipped_recording().connect().description();
-    assert_eq!(members(&served), members(common::protocol::DEFINITION));
+    assert_eq!(on_the_shipped_recording().connect().description(), common::protocol::DEFINITION);
 }
 
 #[test]
 fn what_the_interface_does_not_know_harms_nobody_else() {
-    let daemon = Daemon::on_the_shipped_recording();
+    let daemon = on_the_shipped_recording();
     let mut station = daemon.connect();
     let (reply, descriptors) = station.call("GetLibrary", &json!({"after": -1}));
     assert_eq!(reply["error"], "io.sward.Station.InvalidGeneration", "{reply}");
@@ -185,8 +137,8 @@ fn what_the_interface_does_not_know_harms_nobody_else() {
 
 #[test]
 fn the_renderer_draws_the_daemons_blades() {
-    let daemon = Daemon::on_two_visitors();
-    let (socket, out) = (daemon.socket(), daemon.folder.path().join("pictures"));
+    let daemon = on_two_visitors();
+    let (socket, out) = (daemon.socket(), daemon.folder().join("pictures"));
     let arguments: [&dyn AsRef<OsStr>; 11] = [
         &"--headless",
         &"--socket",

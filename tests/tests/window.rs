@@ -93,6 +93,7 @@ fn a_window_shows_the_meadow_once_there_is_a_daemon_and_keeps_it_when_the_daemon
     let mut command =
         Program::Capture.command(["run", "--set", &settings[0], "--set", &settings[1], "--set"]);
     command.arg(format!("service.socket={socket:?}"));
+    command.args(["--set".to_owned(), format!("store.directory={:?}", folder.path().join("state"))]);
     let mut daemon = Running::start(command).wait_for_socket(&socket);
     let meadow = screen.next_picture(&bare);
     assert!(colours(&meadow) > 1000, "{} colours are no meadow", colours(&meadow));

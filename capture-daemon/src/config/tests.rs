@@ -1,0 +1,87 @@
+//! Is each key known, in its type and range, and does a mistake have its place?
+
+use super::*;
+
+fn check(text: &str, sets: &[&str]) -> Result<Config, String> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("c.toml");
+    std::fs::write(&path, text).expect("it is writable");
+    let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+    let shown = path.display().to_string();
+    load(Some(&path), &sets).map_err(|error| error.to_string().replace(&shown, "c.toml"))
+}
+
+#[test]
+fn the_shipped_file_documents_exactly_the_defaults() {
+    let text = include_str!("../../capture-daemon.toml");
+    assert_eq!(check(text, &[]), Ok(Config::default()));
+    // Each key of the file stands there as a comment, and is a key.
+    let uncommented: String = text
+        .lines()
+        .map(|line| line.strip_prefix("#= ").unwrap_or(line))
+        .fold(String::new(), |all, line| all + line + "\n");
+    let all_keys = check(&uncommented, &[]).expect("every documented key is known");
+    assert_eq!(all_keys.camera_model().map(|camera| camera.fx), Some(570.0));
+    assert!(all_keys.mask.roi.is_some() && all_keys.source.recording.is_some());
+    let given = all_keys.open_options().camera.expect("a camera");
+    assert_eq!((given.camera.cy, given.distortion.coefficients()[0]), (239.5, -0.05));
+    assert_eq!(check(&all_keys.to_toml(), &[]), Ok(all_keys));
+}
+
+#[test]
+fn errors_name_file_line_and_column() {
+    let error = |text| check(text, &[]).expect_err("invalid");
+    let unknown = error("[mask]\nnear_m = 0.4\n  fare_m = 1.0\n");
+    assert!(unknown.starts_with("c.toml:3:3: unknown key `fare_m`, expected one of"), "{unknown}");
+    let wrong_type = error("[refine]\nknots = \"many\"\n");
+    assert!(wrong_type.starts_with("c.toml:2:9: invalid type"), "{wrong_type}");
+    let range = error("[refine]\nknots = 65\n");
+    assert_eq!(range, "c.toml:2:1: `refine.knots` is out of range, expected 2 to 64");
+    let syntax = error("[mask\n");
+    assert!(syntax.starts_with("c.toml:1:"), "{syntax}");
+    let lens = error("camera = { fx = 9, fy = 9, cx = 0, cy = 0, distortion = [1.0] }");
+    assert!(lens.starts_with("c.toml:1:44: `camera.distortion`") && lens.contains("plumb_bob"), "{lens}");
+    let alone = error("[camera]\ndistortion = [0.1, 0, 0, 0]\n");
+    assert!(alone.contains("c.toml:2:1: `camera.distortion` is out of range, expected camera.fx"), "{alone}");
+    let order = error("mask = { near_m = 1.0, far_m = 0.5 }\n");
+    assert!(order.starts_with("c.toml:1:24: `mask.far_m`"), "{order}");
+    assert!(!error("x = 1\ny =\n").contains('\n'));
+}
+
+#[test]
+fn set_wins_over_the_file() {
+    let config = check("[mask]\nnear_m = 0.4\nfar_m = 0.8\n", &["mask.near_m=0.5"]).expect("valid");
+    assert_eq!((config.mask.near_m, config.mask.far_m), (0.5, 0.8));
+}
+
+#[test]
+fn the_service_s_keys_are_in_their_ranges() {
+    let error = |text| check(text, &[]).expect_err("invalid");
+    assert!(error("service.socket_mode = 0o1777").contains("`service.socket_mode` is out of range"));
+    assert!(error("service.socket_mode = \"rw\"").contains("expected a whole number"));
+    assert!(error("service.watch = [\"@\"]").contains("`service.watch`"));
+    assert!(error("service.max_connections = 1").contains("expected 2 to 10000"));
+    assert!(error("store.directory = \"\"").contains("`store.directory`"));
+}
+
+#[test]
+fn differences_are_named_and_the_hash_follows_what_a_capture_goes_by() {
+    let before = Config::default();
+    let after = check("mask.near_m = 0.4\nservice.socket = \"/tmp/s\"", &[]).expect("valid");
+    assert_eq!(before.differences(&before), Vec::<String>::new());
+    assert_eq!(before.differences(&after), ["mask.near_m", "service.socket"]);
+    assert!(Config::is_live("mask.near_m") && !Config::is_live("service.socket"));
+    assert_ne!(before.capture_hash(), after.capture_hash());
+    let elsewhere = Config { store: StoreConfig { directory: Some("/tmp/s".into()) }, ..before.clone() };
+    assert_eq!(before.capture_hash(), elsewhere.capture_hash());
+}
+
+#[test]
+fn a_bad_set_names_the_argument() {
+    let error = |set| check("", &[set]).expect_err("invalid");
+    assert!(error("mask.nears=1").contains("--set 'mask.nears=1', column 6: unknown key `nears`"));
+    assert!(error("service.socket=/tmp/x").contains("text needs quotes"));
+    assert!(error("refine.knots=1").starts_with("--set 'refine.knots=1', column 8: `refine.knots`"));
+    assert!(error("nonsense").contains("--set 'nonsense'"));
+    assert!(error("mask.near_m=nan").contains("out of range"));
+}

@@ -1,0 +1,330 @@
+//! The frame thread: frames from the source through the session, captures to the keeper. Its own
+//! progress feeds systemd's watchdog.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError};
+use std::time::{Duration, Instant};
+
+use common::protocol::{CaptureReply, StationError, Status};
+use tokio::sync::{oneshot, watch};
+
+use crate::config::Config;
+use crate::keeper::{Job, Outcome};
+use crate::recording::{self, OpenError};
+use crate::replay::Pace;
+use crate::session::{Capture, Session, SessionParams};
+use crate::source::{FrameSource, SourceError};
+use crate::stages::blade::CapturedBlade;
+use crate::station::State;
+use crate::store::record::{Measured, Provenance, Record};
+
+/// Orders that may wait for the frame thread.
+pub(crate) const QUEUE: usize = 16;
+/// The thread looks after its orders and the watchdog at least so often.
+const TICK: Duration = Duration::from_millis(200);
+/// How often the rate of frames is measured.
+const RATE_WINDOW: Duration = Duration::from_secs(1);
+/// How long it is waited, at most, before a recording that cannot be played again is tried once more.
+const LONGEST_RETRY: Duration = Duration::from_secs(60);
+
+/// What the frame thread is asked to do.
+#[derive(Debug)]
+pub(crate) enum FrameOrder {
+    /// Capture what is held, and say what came of it.
+    Capture(oneshot::Sender<Outcome<CaptureReply>>),
+    /// Go by other parameters from the next frame on.
+    Params(Box<SessionParams>, String),
+}
+
+/// A source as the frame thread has it.
+pub(crate) type Source = Box<dyn FrameSource + Send>;
+
+/// Opens the source that the configuration names; `None` where it names none.
+///
+/// # Errors
+/// When it cannot be opened.
+pub(crate) fn open_source(config: &Config) -> Result<Option<Source>, OpenError> {
+    let Some(path) = &config.source.recording else {
+        tracing::warn!("no source.recording is set: nothing will be captured");
+        return Ok(None);
+    };
+    recording::open(path, &config.open_options()).map(Some)
+}
+
+/// Tells systemd that the loop goes on, if it wants to know.
+#[derive(Debug)]
+struct Watchdog {
+    every: Option<Duration>,
+    fed: Instant,
+}
+
+impl Watchdog {
+    fn new() -> Self {
+        let every = sd_notify::watchdog_enabled().map(|timeout| timeout / 4);
+        Self { every, fed: Instant::now() }
+    }
+
+    fn feed(&mut self) {
+        if self.every.is_some_and(|every| self.fed.elapsed() >= every) {
+            self.fed = Instant::now();
+            if let Err(error) = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]) {
+                tracing::debug!(%error, "systemd's watchdog cannot be fed");
+            }
+        }
+    }
+}
+
+/// Frames in the last second or so.
+#[derive(Debug)]
+struct Rate {
+    since: Instant,
+    frames: u32,
+}
+
+/// What the frame thread owns.
+pub(crate) struct Frames {
+    config: Config,
+    config_hash: String,
+    session: Session,
+    params: SessionParams,
+    status: watch::Sender<Status>,
+    keeper: SyncSender<Job>,
+    orders: Receiver<FrameOrder>,
+    stop: Arc<AtomicBool>,
+    source_name: String,
+    has_source: bool,
+    /// Who waits for a capture.
+    asked: Option<oneshot::Sender<Outcome<CaptureReply>>>,
+    watchdog: Watchdog,
+    rate: Rate,
+}
+
+impl Frames {
+    /// `orders`: what it is asked to do; `stop`: once true, it ends.
+    pub(crate) fn new(
+        config: &Config,
+        status: watch::Sender<Status>,
+        keeper: SyncSender<Job>,
+        orders: Receiver<FrameOrder>,
+        stop: Arc<AtomicBool>,
+    ) -> Self {
+        let params = config.session_params();
+        Self {
+            config: config.clone(),
+            config_hash: config.capture_hash(),
+            session: Session::new(params.clone()),
+            params,
+            status,
+            keeper,
+            orders,
+            stop,
+            source_name: String::new(),
+            has_source: false,
+            asked: None,
+            watchdog: Watchdog::new(),
+            rate: Rate { since: Instant::now(), frames: 0 },
+        }
+    }
+
+    /// Plays the source, again and again if it loops, until it is told to stop. Without a source it
+    /// stays to answer who asks.
+    pub(crate) fn run(mut self, source: Option<Source>) {
+        let mut next = source;
+        let mut retry = TICK;
+        loop {
+            match next.take() {
+                Some(source) => {
+                    retry = TICK;
+                    let Some(is_over) = self.play(source) else { return };
+                    self.has_source = false;
+                    self.answer(Err(StationError::NothingHeld));
+                    if is_over && self.config.source.looped {
+                        next = self.open_again();
+                    }
+                }
+                None => {
+                    let wait = if self.config.source.looped { retry } else { LONGEST_RETRY };
+                    if !self.attend(wait) {
+                        return;
+                    }
+                    if self.config.source.looped && self.config.source.recording.is_some() {
+                        retry = (2 * retry).min(LONGEST_RETRY);
+                        next = self.open_again();
+                    }
+                }
+            }
+        }
+    }
+
+    fn open_again(&mut self) -> Option<Source> {
+        match open_source(&self.config) {
+            Ok(source) => source,
+            Err(error) => {
+                tracing::error!(%error, "the recording cannot be played again; it will be tried later");
+                None
+            }
+        }
+    }
+
+    /// Plays a source to its end: whether it was its proper end; `None` when told to stop.
+    fn play(&mut self, mut source: Source) -> Option<bool> {
+        // A recording's clock steps back where it begins again, so the session begins anew too.
+        self.session = Session::new(self.params.clone());
+        self.source_name = source.describe();
+        self.has_source = true;
+        let rate = self.config.source.rate;
+        let mut pace = (rate > 0.0).then(|| Pace::new(rate));
+        loop {
+            let frame = match source.next_frame() {
+                Ok(frame) => frame,
+                Err(SourceError::BadFrame(reason)) => {
+                    tracing::debug!(reason, "a frame was skipped");
+                    self.status.send_modify(|status| status.skipped_frames += 1);
+                    if !self.attend(Duration::ZERO) {
+                        return None;
+                    }
+                    continue;
+                }
+                Err(SourceError::End) => {
+                    if !self.config.source.looped {
+                        tracing::info!("the recording is over");
+                    }
+                    return self.attend(Duration::ZERO).then_some(true);
+                }
+                Err(SourceError::Failed(reason)) => {
+                    tracing::error!(reason, "the recording cannot be read further");
+                    return Some(false);
+                }
+            };
+            let wait = pace.as_mut().map_or(Duration::ZERO, |pace| pace.wait(frame.timestamp_ns));
+            if !self.attend(wait) {
+                return None;
+            }
+            if let Some(capture) = self.session.push(&frame) {
+                self.deliver(capture);
+            } else if self.session.state() == State::Waiting {
+                self.answer(Err(StationError::NothingHeld));
+            }
+            self.count_frame();
+        }
+    }
+
+    /// Does what is asked for so long; whether to go on.
+    fn attend(&mut self, wait: Duration) -> bool {
+        let due = Instant::now() + wait;
+        loop {
+            if self.stop.load(Ordering::Relaxed) {
+                return false;
+            }
+            self.watchdog.feed();
+            self.measure_rate();
+            let left = due.saturating_duration_since(Instant::now());
+            match self.orders.recv_timeout(left.min(TICK)) {
+                Ok(FrameOrder::Params(params, hash)) => {
+                    self.params = (*params).clone();
+                    self.config_hash.clone_from(&hash);
+                    self.session.set_params(*params);
+                    self.status.send_modify(|status| status.config = hash);
+                }
+                Ok(FrameOrder::Capture(asked)) => {
+                    // Who asked first is not forgotten for who asks again.
+                    if !self.has_source {
+                        let _ = asked.send(Err(StationError::NoFrames));
+                    } else if self.asked.is_some() {
+                        let _ = asked.send(Err(StationError::Busy));
+                    } else {
+                        self.session.demand();
+                        self.asked = Some(asked);
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) if Instant::now() >= due => return true,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return false,
+            }
+        }
+    }
+
+    fn answer(&mut self, outcome: Outcome<CaptureReply>) {
+        if let Some(asked) = self.asked.take() {
+            // Who asked may have left.
+            let _ = asked.send(outcome);
+        }
+    }
+
+    fn count_frame(&mut self) {
+        self.rate.frames += 1;
+        let state = self.session.state().name();
+        self.status.send_modify(|status| {
+            status.frames += 1;
+            if status.state != state {
+                state.clone_into(&mut status.state);
+            }
+        });
+    }
+
+    fn measure_rate(&mut self) {
+        let elapsed = self.rate.since.elapsed();
+        if elapsed >= RATE_WINDOW {
+            let per_second = (f64::from(self.rate.frames) / elapsed.as_secs_f64() * 10.0).round() / 10.0;
+            self.rate = Rate { since: Instant::now(), frames: 0 };
+            self.status.send_if_modified(|status| {
+                let is_other = status.frames_per_second != per_second;
+                status.frames_per_second = per_second;
+                is_other
+            });
+        }
+    }
+
+    /// Sends a capture to the keeper, who announces it once it is on disk.
+    fn deliver(&mut self, capture: Capture) {
+        let refused: Vec<String> = capture.steps.refused.iter().map(ToString::to_string).collect();
+        for refusal in &capture.steps.refused {
+            tracing::info!(frame = capture.frame, code = refusal.code(), %refusal, "refused");
+        }
+        let (frame, blades) = (capture.frame, capture.steps.blades);
+        if blades.is_empty() {
+            return self.answer(Ok(CaptureReply { names: Vec::new(), refused }));
+        }
+        let records: Vec<Record> =
+            blades.into_iter().enumerate().map(|(index, blade)| self.record(frame, index, blade)).collect();
+        self.status.send_modify(|status| status.captures += 1);
+        // The keeper answers who asked, once the blades are announced.
+        let asked = self.asked.take().map(|asked| (asked, refused));
+        if let Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) =
+            self.keeper.try_send(Job::Captured(records, asked))
+        {
+            tracing::error!(frame, "captured blades are lost: the store does not keep up");
+            self.status.send_modify(|status| status.lost += 1);
+            if let Job::Captured(_, Some((asked, _))) = job {
+                let _ = asked.send(Err(StationError::Busy));
+            }
+        }
+    }
+
+    fn record(&self, frame: u64, index: usize, captured: CapturedBlade) -> Record {
+        let CapturedBlade { blade, quality, .. } = captured;
+        let [length_mm, width_mm] =
+            [blade.length_m(), blade.max_width_m()].map(|metres| format!("{:.1}", metres * 1e3));
+        let score = format!("{:.2}", quality.score);
+        tracing::info!(frame, name = blade.name(), length_mm, width_mm, quality = score, "captured");
+        Record {
+            blade,
+            pinned: false,
+            sequence: None,
+            measured: Some(Measured {
+                pixels_across: quality.pixels_across,
+                hausdorff_m: quality.hausdorff_m,
+                length_error_m: quality.length_error_m,
+                width_error_m: quality.width_error_m,
+            }),
+            provenance: Provenance {
+                source: Some(self.source_name.clone()),
+                frame: Some(frame),
+                frames: Some(quality.evidence.frames as u64),
+                index: Some(index as u64),
+                config: Some(self.config_hash.clone()),
+            },
+        }
+    }
+}

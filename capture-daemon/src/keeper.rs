@@ -1,0 +1,410 @@
+//! The keeper: a thread that owns the store. Captures, people's orders and changed files come to it; it
+//! puts them on disk and then announces the library. A slow or full disk holds up nobody else.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
+use std::time::{Duration, Instant};
+
+use common::blade::{BladeId, Kind};
+use common::protocol::{self, CaptureReply, RefusedFile, StationError};
+use notify::Watcher;
+use notify::event::{AccessKind, AccessMode};
+use tokio::sync::{oneshot, watch};
+
+use crate::service::Published;
+use crate::store::record::Record;
+use crate::store::{Kept, Store, StoreError};
+
+/// Orders and captures that may wait for the keeper.
+pub(crate) const QUEUE: usize = 256;
+/// Captured blades that wait for room on the disk, at most.
+const MAX_WAITING: usize = 256;
+/// How often a disk that refuses is tried again, and how often a folder that cannot be watched is read.
+const RETRY: Duration = Duration::from_secs(1);
+/// How long a folder must be quiet before its changed files are read.
+const QUIET: Duration = Duration::from_millis(60);
+/// How long it is waited for that at most.
+const PATIENCE: Duration = Duration::from_millis(400);
+/// How often the folder is read though nothing was heard of it.
+const BACKSTOP: Duration = Duration::from_secs(30);
+
+/// What someone wants changed.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Order {
+    /// Take a blade away.
+    Remove { name: String },
+    /// Give it another name.
+    Rename { name: String, new_name: String },
+    /// Bring back the one before.
+    Restore { name: String },
+    /// Set its weight.
+    SetMix { name: String, mix: f64 },
+}
+
+/// How an order went.
+pub(crate) type Outcome<T> = Result<T, StationError>;
+
+/// Who asked for a capture, and what was refused in it.
+pub(crate) type CaptureAsked = (oneshot::Sender<Outcome<CaptureReply>>, Vec<String>);
+
+/// What comes to the keeper.
+#[derive(Debug)]
+pub(crate) enum Job {
+    /// Blades of one capture, and who asked for it.
+    Captured(Vec<Record>, Option<CaptureAsked>),
+    /// An order and where its outcome goes.
+    Order(Order, oneshot::Sender<Outcome<()>>),
+    /// Look whether files have changed.
+    Files,
+    /// Finish.
+    Stop,
+}
+
+/// What the store holds, for the service.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub(crate) struct Holdings {
+    /// The library's blades in its order.
+    pub(crate) blades: Vec<protocol::Blade>,
+    /// Files that are none.
+    pub(crate) refused: Vec<RefusedFile>,
+    /// Why blades cannot be written at present.
+    pub(crate) trouble: Option<String>,
+    /// Captured blades that wait for the disk.
+    pub(crate) waiting: usize,
+    /// Captured blades that found no room at all.
+    pub(crate) lost: u64,
+}
+
+/// Where the keeper announces what it has.
+#[derive(Debug)]
+pub(crate) struct Announcements {
+    /// The newest library; none before there is a blade.
+    pub(crate) library: watch::Sender<Option<Arc<Published>>>,
+    /// What the store holds.
+    pub(crate) holdings: watch::Sender<Arc<Holdings>>,
+}
+
+/// The keeper.
+pub(crate) struct Keeper {
+    store: Store,
+    announcements: Announcements,
+    files_changed: Arc<AtomicBool>,
+    wake: mpsc::SyncSender<Job>,
+    watcher: Option<notify::RecommendedWatcher>,
+    waiting: VecDeque<Record>,
+    trouble: Option<String>,
+    lost: u64,
+    /// The library is another than the one that is announced.
+    stale: bool,
+}
+
+impl Keeper {
+    /// A keeper of `store`. `wake` leads to the queue that [`Self::run`] is given the other end of.
+    pub(crate) fn new(store: Store, announcements: Announcements, wake: mpsc::SyncSender<Job>) -> Self {
+        let stale = !store.is_empty();
+        Self {
+            store,
+            announcements,
+            files_changed: Arc::default(),
+            wake,
+            watcher: None,
+            waiting: VecDeque::new(),
+            trouble: None,
+            lost: 0,
+            stale,
+        }
+    }
+
+    /// Announces what is there. To be called before [`Self::run`], so that a station that is ready has
+    /// its library.
+    pub(crate) fn begin(&mut self) {
+        if let Err(error) = self.store.prepare() {
+            self.note_trouble(&error);
+        }
+        self.watch_folder();
+        self.announce();
+    }
+
+    /// Does what comes until it is told to stop.
+    pub(crate) fn run(mut self, jobs: &mpsc::Receiver<Job>) {
+        let mut rescan_at: Option<(Instant, Instant)> = None;
+        let mut retry_at = Instant::now() + RETRY;
+        loop {
+            let now = Instant::now();
+            let in_trouble = self.trouble.is_some() || self.stale || !self.waiting.is_empty();
+            let mut wait = if in_trouble || self.watcher.is_none() {
+                retry_at.saturating_duration_since(now)
+            } else {
+                BACKSTOP
+            };
+            if let Some((quiet, latest)) = rescan_at {
+                wait = wait.min(quiet.min(latest).saturating_duration_since(now));
+            }
+            let job = jobs.recv_timeout(wait);
+            let was_quiet = matches!(job, Err(mpsc::RecvTimeoutError::Timeout));
+            match job {
+                Ok(Job::Stop) | Err(mpsc::RecvTimeoutError::Disconnected) => break,
+                Ok(Job::Captured(records, asked)) => self.captured(records, asked),
+                Ok(Job::Order(order, asked)) => self.obey(&order, asked),
+                Ok(Job::Files) | Err(mpsc::RecvTimeoutError::Timeout) => {}
+            }
+            let now = Instant::now();
+            if self.files_changed.swap(false, Ordering::Relaxed) {
+                let latest = rescan_at.map_or(now + PATIENCE, |(_, latest)| latest);
+                rescan_at = Some((now + QUIET, latest));
+            }
+            let is_due = rescan_at.is_some_and(|(quiet, latest)| now >= quiet.min(latest));
+            let is_idle = was_quiet && rescan_at.is_none();
+            if is_due || is_idle {
+                rescan_at = None;
+                self.rescan();
+            }
+            if now >= retry_at {
+                retry_at = now + RETRY;
+                self.try_again();
+            }
+        }
+        self.try_again();
+        if !self.waiting.is_empty() {
+            tracing::error!(
+                blades = self.waiting.len(),
+                "captured blades are lost: they could not be written"
+            );
+        }
+    }
+
+    /// Hears of changed files from now on. Where that cannot be had, the folder is read every second.
+    fn watch_folder(&mut self) {
+        let (changed, wake) = (Arc::clone(&self.files_changed), self.wake.clone());
+        let heard = move |event: notify::Result<notify::Event>| {
+            let is_reading = event.as_ref().is_ok_and(|event| match event.kind {
+                notify::EventKind::Access(AccessKind::Close(AccessMode::Write)) => false,
+                notify::EventKind::Access(_) => true,
+                _ => false,
+            });
+            if !is_reading {
+                changed.store(true, Ordering::Relaxed);
+                // A queue that is full wakes the keeper as well.
+                let _ = wake.try_send(Job::Files);
+            }
+        };
+        let watch = |folder: &Path| {
+            let mut watcher = notify::recommended_watcher(heard)?;
+            watcher.watch(folder, notify::RecursiveMode::NonRecursive)?;
+            Ok::<_, notify::Error>(watcher)
+        };
+        match watch(&self.store.blades_folder()) {
+            Ok(watcher) => self.watcher = Some(watcher),
+            Err(error) => {
+                tracing::debug!(%error, "the folder of blades cannot be watched; it is read every second")
+            }
+        }
+    }
+
+    fn captured(&mut self, records: Vec<Record>, asked: Option<CaptureAsked>) {
+        let mut ids: Vec<BladeId> = Vec::new();
+        for record in records {
+            ids.push(record.blade.id());
+            self.keep(record);
+        }
+        self.announce();
+        let Some((asked, refused)) = asked else { return };
+        let names = ids.iter().filter_map(|id| {
+            let id = id.to_string();
+            let holdings = self.announcements.holdings.borrow();
+            holdings.blades.iter().find(|blade| blade.id == id).map(|blade| blade.name.clone())
+        });
+        let names: Vec<String> = names.collect();
+        let outcome = match &self.trouble {
+            Some(reason) if names.len() < ids.len() => {
+                Err(StationError::StoreTrouble { reason: reason.clone() })
+            }
+            _ => Ok(CaptureReply { names, refused }),
+        };
+        // Who asked may have left.
+        let _ = asked.send(outcome);
+    }
+
+    fn keep(&mut self, record: Record) {
+        match self.store.keep(&record) {
+            Ok(Kept::New) => self.stale = true,
+            Ok(Kept::Known) => {}
+            Err(error) if error.is_disk() => {
+                self.note_trouble(&error);
+                self.let_wait(record);
+            }
+            Err(error) => {
+                self.lost += 1;
+                tracing::error!(%error, name = record.blade.name(), "a captured blade is lost");
+            }
+        }
+    }
+
+    fn let_wait(&mut self, record: Record) {
+        if self.waiting.iter().any(|waiting| waiting.blade.id() == record.blade.id()) {
+            return;
+        }
+        if self.waiting.len() >= MAX_WAITING {
+            self.lost += 1;
+            let lost = self.waiting.pop_front();
+            let name = lost.as_ref().map_or("", |record| record.blade.name());
+            tracing::error!(name, "a captured blade is lost: too many wait for room on the disk");
+        }
+        self.waiting.push_back(record);
+    }
+
+    fn obey(&mut self, order: &Order, asked: oneshot::Sender<Outcome<()>>) {
+        // What someone sees in the folder is what he means.
+        self.rescan();
+        let done = match order {
+            Order::Remove { name } => self.store.remove(name),
+            Order::Rename { name, new_name } => self.store.rename(name, new_name),
+            Order::Restore { name } => self.store.restore(name),
+            Order::SetMix { name, mix } => self.store.set_mix(name, *mix),
+        };
+        match &done {
+            Ok(()) => {
+                tracing::info!(?order, "done");
+                self.stale = true;
+            }
+            Err(error) => {
+                tracing::info!(?order, %error, "refused");
+                if error.is_disk() {
+                    self.note_trouble(error);
+                }
+            }
+        }
+        self.announce();
+        let _ = asked.send(done.map_err(told));
+    }
+
+    fn rescan(&mut self) {
+        match self.store.rescan() {
+            Ok(changes) => {
+                if self.watcher.is_none() {
+                    self.watch_folder();
+                }
+                self.stale |= changes.library;
+                if changes.library || changes.refused {
+                    self.announce();
+                }
+            }
+            Err(error) => {
+                // The watch is on a folder that may be gone.
+                self.watcher = None;
+                self.note_trouble(&error);
+                self.announce();
+            }
+        }
+    }
+
+    /// Once a second while something is wrong: writes what waits, or sees whether anything can be
+    /// written.
+    fn try_again(&mut self) {
+        if self.trouble.is_none() && !self.stale && self.waiting.is_empty() {
+            return;
+        }
+        let before = self.trouble.take();
+        if let Err(error) = self.store.prepare() {
+            self.note_trouble(&error);
+        }
+        for record in std::mem::take(&mut self.waiting) {
+            if self.trouble.is_some() {
+                self.waiting.push_back(record);
+            } else {
+                self.keep(record);
+            }
+        }
+        if self.trouble.is_none()
+            && let Err(error) = self
+                .store
+                .probe()
+                .and_then(|()| self.store.rescan().map(|changes| self.stale |= changes.library))
+        {
+            self.note_trouble(&error);
+        }
+        match (&before, &self.trouble) {
+            (Some(_), None) => tracing::info!("the store can be written again"),
+            (Some(before), Some(now)) if before != now => {
+                tracing::warn!(reason = now, "the store cannot be written")
+            }
+            _ => {}
+        }
+        self.announce();
+    }
+
+    fn note_trouble(&mut self, error: &StoreError) {
+        let reason = error.to_string();
+        if self.trouble.is_none() {
+            tracing::warn!(reason, "the store cannot be written; it is tried again every second");
+        }
+        self.trouble = Some(reason);
+    }
+
+    /// Announces the library if it has changed, and what else there is to know.
+    fn announce(&mut self) {
+        if self.stale {
+            if let Err(error) = self.store.prepare() {
+                self.note_trouble(&error);
+            }
+            match Published::new(self.store.next_generation(), &self.store.blades()) {
+                Ok(published) => {
+                    self.stale = false;
+                    self.announcements.library.send_replace(Some(Arc::new(published)));
+                }
+                Err(error) => tracing::error!(%error, "the library cannot be published; the last one stays"),
+            }
+        }
+        let refused = self.store.refused().iter();
+        let refused =
+            refused.map(|(name, refused)| RefusedFile { name: name.clone(), reason: refused.reason.clone() });
+        let holdings = Holdings {
+            blades: self.store.records().into_iter().map(shown).collect(),
+            refused: refused.collect(),
+            trouble: self.trouble.clone(),
+            waiting: self.waiting.len(),
+            lost: self.lost,
+        };
+        self.announcements.holdings.send_replace(Arc::new(holdings));
+    }
+}
+
+/// A blade as the service shows it.
+fn shown(record: &Record) -> protocol::Blade {
+    let blade = &record.blade;
+    // What was measured as 0.1 is shown as 0.1, not as the f64 next to that f32.
+    let shortest = |value: f32| format!("{value:?}").parse().unwrap_or(f64::from(value));
+    protocol::Blade {
+        name: blade.name().to_owned(),
+        id: blade.id().to_string(),
+        kind: match blade.kind() {
+            Kind::Blade => "blade".to_owned(),
+            Kind::Leaf => "leaf".to_owned(),
+        },
+        length_m: shortest(blade.length_m()),
+        max_width_m: shortest(blade.max_width_m()),
+        knots: blade.knots().len() as i64,
+        mix: shortest(blade.mix()),
+        quality: shortest(blade.quality()),
+        pinned: record.pinned,
+        captured_unix_ns: i64::try_from(blade.captured_unix_ns()).unwrap_or(i64::MAX),
+        source: record.provenance.source.clone(),
+        frames: record.provenance.frames.map(|frames| i64::try_from(frames).unwrap_or(i64::MAX)),
+    }
+}
+
+/// A store's error as the service tells it.
+fn told(error: StoreError) -> StationError {
+    let reason = error.to_string();
+    match error {
+        StoreError::NotFound(name) => StationError::NoSuchBlade { name },
+        StoreError::Taken(name) => StationError::NameTaken { name },
+        StoreError::Name(reason) => StationError::InvalidName { reason },
+        StoreError::Mix(mix) => StationError::InvalidMix { mix },
+        StoreError::NoHistory(name) => StationError::NothingToRestore { name },
+        StoreError::Refused { reason } => StationError::FileRefused { reason },
+        StoreError::AllPinned | StoreError::Disk { .. } => StationError::StoreTrouble { reason },
+    }
+}

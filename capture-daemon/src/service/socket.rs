@@ -1,0 +1,165 @@
+//! The Unix socket: bound once, its mode set, its file removed at the end.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::io;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use tokio::net::{UnixListener, UnixStream};
+use zlink::connection::socket::FetchPeerCredentials;
+
+use super::{Peer, Service, connection};
+
+/// Why the socket cannot be listened on.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum BindError {
+    /// Another process answers on it.
+    #[error(
+        "{path}: the socket is in use by another process, expected a free one; stop the other station or set service.socket to another path"
+    )]
+    InUse {
+        /// The socket.
+        path: String,
+    },
+    /// The system refused.
+    #[error(
+        "{path}: the socket cannot be made: {source}; set service.socket to a path where nothing is yet, in a folder that you may write to"
+    )]
+    Io {
+        /// The socket.
+        path: String,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// The socket while it is listened on; its file goes when it is dropped.
+#[derive(Debug)]
+pub(crate) struct Socket {
+    listener: UnixListener,
+    path: PathBuf,
+}
+
+impl Drop for Socket {
+    fn drop(&mut self) {
+        if let Err(error) = std::fs::remove_file(&self.path) {
+            tracing::debug!(%error, "the socket's file is gone already");
+        }
+    }
+}
+
+impl Socket {
+    /// Listens on `path`, whose file gets this `mode`. A socket that nobody answers on is left over from
+    /// a station that was killed, and is replaced.
+    ///
+    /// # Errors
+    /// When another process answers on it, or the system refuses.
+    pub(crate) async fn bind(path: &Path, mode: u32) -> Result<Self, BindError> {
+        let shown = || path.display().to_string();
+        let refused = |source| BindError::Io { path: shown(), source };
+        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(refused)?;
+        }
+        match UnixStream::connect(path).await {
+            Ok(_) => return Err(BindError::InUse { path: shown() }),
+            Err(error) if error.kind() == io::ErrorKind::ConnectionRefused && is_socket(path) => {
+                std::fs::remove_file(path).map_err(refused)?;
+            }
+            Err(_) => {}
+        }
+        let listener = UnixListener::bind(path).map_err(refused)?;
+        let socket = Self { listener, path: path.to_path_buf() };
+        // Whoever slips in before this is still asked for his credentials.
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).map_err(refused)?;
+        Ok(socket)
+    }
+
+    /// Serves every client in a task of its own, for ever; at most `limit` at once, and from one user
+    /// that is neither root nor our own at most half as many. Needs a `LocalSet`.
+    pub(crate) async fn serve(&self, service: Service, limit: usize) {
+        let counts = Rc::new(RefCell::new(HashMap::new()));
+        loop {
+            match self.listener.accept().await {
+                Ok((stream, _)) => match admit(stream, &service, &counts, limit).await {
+                    Ok((stream, peer, seat)) => {
+                        let service = service.clone();
+                        tokio::task::spawn_local(async move {
+                            connection::serve(stream, service, &peer).await;
+                            drop(seat);
+                        });
+                    }
+                    Err(error) => tracing::warn!(%error, "a client was turned away"),
+                },
+                Err(error) => {
+                    // Out of descriptors, as a rule: they come back as clients leave.
+                    tracing::warn!(%error, "a client could not be accepted");
+                    tokio::time::sleep(Duration::from_millis(100)).await;
+                }
+            }
+        }
+    }
+}
+
+/// Connections by user.
+type Counts = Rc<RefCell<HashMap<u32, usize>>>;
+
+/// A client's place; free again when dropped.
+struct Seat {
+    counts: Counts,
+    uid: u32,
+    clients: Arc<AtomicUsize>,
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.clients.fetch_sub(1, Ordering::Relaxed);
+        let mut counts = self.counts.borrow_mut();
+        if let Some(count) = counts.get_mut(&self.uid) {
+            *count -= 1;
+            if *count == 0 {
+                counts.remove(&self.uid);
+            }
+        }
+    }
+}
+
+async fn admit(
+    stream: UnixStream,
+    service: &Service,
+    counts: &Counts,
+    limit: usize,
+) -> io::Result<(zlink::tokio::unix::Stream, Peer, Seat)> {
+    let stream = zlink::tokio::unix::Stream::try_from(stream).map_err(io::Error::other)?;
+    let credentials = stream.fetch_peer_credentials().await?;
+    let groups = credentials.unix_supplementary_group_ids().iter();
+    let peer = Peer {
+        uid: credentials.unix_user_id().as_raw(),
+        gids: groups.chain([&credentials.unix_primary_group_id()]).map(|gid| gid.as_raw()).collect(),
+    };
+    let own_limit = if service.access.borrow().is_own(&peer) { limit } else { limit.div_ceil(2) };
+    let mut by_user = counts.borrow_mut();
+    let all: usize = by_user.values().sum();
+    let own = by_user.entry(peer.uid).or_default();
+    if all >= limit || *own >= own_limit {
+        let reason = format!(
+            "{all} connections, {own} of them of user {}; service.max_connections is {limit}",
+            peer.uid
+        );
+        return Err(io::Error::other(reason));
+    }
+    *own += 1;
+    service.clients.fetch_add(1, Ordering::Relaxed);
+    let clients = Arc::clone(&service.clients);
+    let seat = Seat { counts: Rc::clone(counts), uid: peer.uid, clients };
+    drop(by_user);
+    Ok((stream, peer, seat))
+}
+
+fn is_socket(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_socket())
+}

@@ -1,0 +1,254 @@
+//! Files that are there whole or not at all, and shelves of numbered versions.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// How the name of a blade's file ends.
+pub(crate) const SUFFIX: &str = ".toml";
+/// Versions that a shelf keeps of one name.
+const SHELF: usize = 16;
+/// A blade's file is no longer than this: 64 knots take less than a tenth of it.
+pub(crate) const MAX_BYTES: u64 = 256 * 1024;
+
+/// What tells one version of a file from the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Signature {
+    inode: u64,
+    bytes: u64,
+    modified: (i64, i64),
+    changed: (i64, i64),
+}
+
+impl Signature {
+    /// The signature of the file at `path`, symbolic links followed.
+    ///
+    /// # Errors
+    /// When it cannot be looked at.
+    pub(crate) fn of(path: &Path) -> io::Result<Self> {
+        let metadata = fs::metadata(path)?;
+        Ok(Self {
+            inode: metadata.ino(),
+            bytes: metadata.size(),
+            modified: (metadata.mtime(), metadata.mtime_nsec()),
+            changed: (metadata.ctime(), metadata.ctime_nsec()),
+        })
+    }
+
+    /// When the file's content was last changed, nanoseconds since 1970.
+    pub(crate) fn modified_unix_ns(&self) -> u64 {
+        let (seconds, nanoseconds) = self.modified;
+        u64::try_from(i128::from(seconds) * 1_000_000_000 + i128::from(nanoseconds)).unwrap_or(0)
+    }
+}
+
+/// Puts `bytes` at `folder/name` so that whoever looks, and whatever fails meanwhile, finds either the
+/// file that was there before or this one whole; on disk when this returns.
+///
+/// # Errors
+/// When the disk is full or refuses; then nothing has changed, or (the folder could not be synced) the
+/// new file is there but may not outlast a power failure.
+pub(crate) fn write_atomically(folder: &Path, name: &str, bytes: &[u8]) -> io::Result<()> {
+    write_as_of(folder, name, bytes, None)
+}
+
+/// The same, for a file that is to have been changed last at another time than now.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub(crate) fn write_as_of(
+    folder: &Path,
+    name: &str,
+    bytes: &[u8],
+    modified: Option<SystemTime>,
+) -> io::Result<()> {
+    let temporary = folder.join(format!(".{name}.tmp"));
+    let written = (|| {
+        let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(&temporary)?;
+        file.write_all(bytes)?;
+        modified.map_or(Ok(()), |modified| file.set_modified(modified))?;
+        file.sync_all()?;
+        fs::rename(&temporary, folder.join(name))
+    })();
+    if let Err(error) = written {
+        // What was begun takes room; where it cannot be removed either, the next start does.
+        let _ = fs::remove_file(&temporary);
+        return Err(error);
+    }
+    sync(folder)
+}
+
+/// Puts a folder's entries on disk.
+///
+/// # Errors
+/// When the system refuses.
+pub(crate) fn sync(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
+/// Moves a file to another folder, where nothing of that name is yet; on disk when this returns.
+///
+/// # Errors
+/// [`io::ErrorKind::AlreadyExists`] when something is, or the system refuses; then nothing has changed.
+pub(crate) fn shift(from: &Path, to: &Path) -> io::Result<()> {
+    let folder = |path: &Path| path.parent().map_or_else(|| PathBuf::from("."), Path::to_path_buf);
+    let flags = rustix::fs::RenameFlags::NOREPLACE;
+    rustix::fs::renameat_with(rustix::fs::CWD, from, rustix::fs::CWD, to, flags)?;
+    sync(&folder(to))?;
+    if folder(from) != folder(to) {
+        sync(&folder(from))?;
+    }
+    Ok(())
+}
+
+/// The text of a blade's file, which is no device or pipe and not too long.
+///
+/// # Errors
+/// When it is not such a file or cannot be read; one sentence without its full stop.
+pub(crate) fn text(path: &Path) -> Result<String, String> {
+    let unreadable = |error: io::Error| format!("it cannot be read: {error}");
+    if !fs::metadata(path).map_err(unreadable)?.is_file() {
+        return Err("it is not a regular file, expected a TOML file".to_owned());
+    }
+    let mut bytes = Vec::new();
+    File::open(path).map_err(unreadable)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(format!("it is larger than {MAX_BYTES} bytes, expected a TOML file"));
+    }
+    String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text, expected a TOML file".to_owned())
+}
+
+/// The name of the blade in a file of this name; `None` for what is no blade's file.
+pub(crate) fn blade_name(file_name: &str) -> Option<&str> {
+    file_name.strip_suffix(SUFFIX).filter(|name| !name.starts_with('.'))
+}
+
+/// The numbered versions in a shelf's folder for one name, the oldest first.
+pub(crate) fn versions(shelf: &Path, name: &str) -> Vec<PathBuf> {
+    let folder = shelf.join(name);
+    let mut numbers: Vec<u64> = fs::read_dir(&folder)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| entry.ok()?.file_name().to_str()?.strip_suffix(SUFFIX)?.parse().ok())
+        .collect();
+    numbers.sort_unstable();
+    numbers.iter().map(|number| folder.join(numbered(*number))).collect()
+}
+
+fn numbered(number: u64) -> String {
+    format!("{number:06}{SUFFIX}")
+}
+
+/// Where the next version of `name` goes on a shelf; makes its folder.
+fn next_version(shelf: &Path, name: &str) -> io::Result<(PathBuf, String)> {
+    let folder = shelf.join(name);
+    if !folder.is_dir() {
+        fs::create_dir_all(&folder)?;
+        sync(shelf)?;
+    }
+    let newest = versions(shelf, name).pop();
+    let newest = newest.and_then(|path| path.file_stem()?.to_str()?.parse::<u64>().ok()).unwrap_or(0);
+    Ok((folder, numbered(newest + 1)))
+}
+
+/// Moves the file of `name` onto a shelf, as its newest version there. Gives its new path.
+///
+/// # Errors
+/// When the system refuses; then the file is where it was.
+pub(crate) fn shelve(shelf: &Path, name: &str, file: &Path) -> io::Result<PathBuf> {
+    let (folder, version) = next_version(shelf, name)?;
+    let to = folder.join(version);
+    shift(file, &to)?;
+    thin_out(shelf, name);
+    Ok(to)
+}
+
+/// Writes `text` onto a shelf, as the newest version of `name` there.
+///
+/// # Errors
+/// When the system refuses.
+pub(crate) fn shelve_text(shelf: &Path, name: &str, text: &str) -> io::Result<()> {
+    if versions(shelf, name)
+        .pop()
+        .is_some_and(|newest| fs::read(newest).is_ok_and(|is| is == text.as_bytes()))
+    {
+        return Ok(());
+    }
+    let (folder, version) = next_version(shelf, name)?;
+    write_atomically(&folder, &version, text.as_bytes())?;
+    thin_out(shelf, name);
+    Ok(())
+}
+
+/// Forgets the oldest versions beyond the number that a shelf keeps.
+fn thin_out(shelf: &Path, name: &str) {
+    let versions = versions(shelf, name);
+    for old in &versions[..versions.len().saturating_sub(SHELF)] {
+        if let Err(error) = fs::remove_file(old) {
+            tracing::debug!(path = %old.display(), %error, "an old version stays");
+        }
+    }
+}
+
+/// Makes a folder and puts it on disk.
+///
+/// # Errors
+/// When the system refuses.
+pub(crate) fn make_folder(folder: &Path) -> io::Result<()> {
+    if folder.is_dir() {
+        return Ok(());
+    }
+    fs::create_dir_all(folder)?;
+    folder.parent().filter(|parent| !parent.as_os_str().is_empty()).map_or(Ok(()), sync)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_whole_and_nothing_else_is_left() {
+        let folder = tempfile::tempdir().expect("a folder");
+        write_atomically(folder.path(), "a.toml", b"one").expect("room");
+        write_atomically(folder.path(), "a.toml", b"two").expect("room");
+        assert_eq!(fs::read(folder.path().join("a.toml")).expect("there"), b"two");
+        assert_eq!(fs::read_dir(folder.path()).expect("there").count(), 1);
+        assert!(write_atomically(&folder.path().join("lost"), "a.toml", b"three").is_err());
+    }
+
+    #[test]
+    fn a_shelf_keeps_the_newest_versions_in_order() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for number in 0..SHELF + 3 {
+            shelve_text(folder.path(), "fern", &format!("{number}")).expect("room");
+        }
+        shelve_text(folder.path(), "fern", &format!("{}", SHELF + 2)).expect("room");
+        let kept: Vec<String> =
+            versions(folder.path(), "fern").iter().map(|path| text(path).expect("text")).collect();
+        let expected: Vec<String> = (3..SHELF + 3).map(|number| number.to_string()).collect();
+        assert_eq!(kept, expected, "the same text twice is one version");
+    }
+
+    #[test]
+    fn a_file_is_not_moved_over_another() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+        fs::write(&a, "a").expect("room");
+        fs::write(&b, "b").expect("room");
+        assert_eq!(shift(&a, &b).map_err(|error| error.kind()), Err(io::ErrorKind::AlreadyExists));
+        assert_eq!((text(&a).as_deref(), text(&b).as_deref()), (Ok("a"), Ok("b")));
+    }
+
+    #[test]
+    fn what_is_no_file_of_text_is_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        assert!(text(folder.path()).expect_err("a folder").contains("not a regular file"));
+        let path = folder.path().join("a");
+        fs::write(&path, [0xff, 0xfe]).expect("room");
+        assert!(text(&path).expect_err("no text").contains("UTF-8"));
+        fs::write(&path, vec![b' '; MAX_BYTES as usize + 1]).expect("room");
+        assert!(text(&path).expect_err("too long").contains("larger"));
+    }
+}

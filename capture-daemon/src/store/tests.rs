@@ -1,0 +1,315 @@
+//! Does the store keep what it was given, whatever people and disks do to it?
+
+use std::fs;
+
+use common::blade::Knot;
+use glam::Vec3;
+use tempfile::TempDir;
+
+use super::record::{Measured, Provenance};
+use super::*;
+
+const DROPPED: &str = "# Mine.\nformat = 1\nmix = 0.5 # half\nknots = [\n  { position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] },\n  { position_m = [0.0, 0.2, 0.0], half_width_m = [0.0, 0.0] },\n]\n";
+
+fn captured(number: u64) -> Record {
+    let knots: Vec<Knot> = (0..4)
+        .map(|i| Knot {
+            position: Vec3::new(0.0, 0.05 * i as f32, 0.001 * number as f32),
+            half_width_left: 0.002,
+            across: Vec3::X,
+            half_width_right: 0.003,
+        })
+        .collect();
+    let id = BladeId::of(number, 0, &knots);
+    let name = format!("blade-{}", &id.to_string()[..8]);
+    let measured =
+        Measured { pixels_across: 8.0, hausdorff_m: 1e-4, length_error_m: 1e-3, width_error_m: 1e-4 };
+    Record {
+        blade: Blade::new(id, name, knots, [0.15, 0.005], number, 0.9).expect("valid"),
+        pinned: false,
+        sequence: None,
+        measured: Some(measured),
+        provenance: Provenance { source: Some("a test".to_owned()), ..Provenance::default() },
+    }
+}
+
+fn open(folder: &TempDir) -> Store {
+    let mut store = Store::open_with(folder.path(), 1, 4).expect("it opens");
+    store.prepare().expect("it can be written");
+    store
+}
+
+fn names(store: &Store) -> Vec<String> {
+    store.blades().iter().map(|blade| blade.name().to_owned()).collect()
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().expect("a folder")
+}
+
+fn drop_file(store: &Store, name: &str, text: &str) {
+    fs::write(store.blades_folder().join(format!("{name}.toml")), text).expect("room");
+}
+
+/// A change of `library`, of `refused`.
+fn rescan(store: &mut Store) -> (bool, bool) {
+    let load::Changes { library, refused } = store.rescan().expect("the folder is there");
+    (library, refused)
+}
+
+#[test]
+fn blades_are_there_again_in_their_order() {
+    let folder = folder();
+    let mut store = open(&folder);
+    for number in [30, 10, 20] {
+        assert_eq!(store.keep(&captured(number)).expect("room"), Kept::New);
+    }
+    assert_eq!(store.keep(&captured(10)).expect("room"), Kept::Known);
+    let before = store.blades();
+    assert_eq!(before.iter().map(Blade::captured_unix_ns).collect::<Vec<_>>(), [30, 10, 20]);
+    drop(store);
+    let mut store = open(&folder);
+    assert_eq!(store.blades(), before);
+    assert_eq!(rescan(&mut store), (false, false));
+    store.keep(&captured(5)).expect("room");
+    assert_eq!(names(&store).last(), Some(&captured(5).blade.name().to_owned()), "new ones come last");
+}
+
+#[test]
+fn a_second_station_is_refused() {
+    let folder = folder();
+    let _first = open(&folder);
+    assert!(matches!(Store::open(folder.path(), 1), Err(OpenError::InUse(_))));
+}
+
+#[test]
+fn what_a_killed_station_left_half_done_is_no_blade() {
+    let folder = folder();
+    let store = open(&folder);
+    fs::write(store.blades_folder().join(".fern.toml.tmp"), "format =").expect("room");
+    drop(store);
+    let store = open(&folder);
+    assert!(store.is_empty() && store.refused().is_empty());
+    assert!(!store.blades_folder().join(".fern.toml.tmp").exists());
+}
+
+#[test]
+fn a_dropped_file_goes_live_and_a_broken_one_keeps_the_last_good() {
+    let folder = folder();
+    let mut store = open(&folder);
+    drop_file(&store, "fern", DROPPED);
+    assert_eq!(rescan(&mut store), (true, false));
+    assert_eq!(rescan(&mut store), (false, false));
+    let good = store.blades();
+
+    drop_file(&store, "fern", &DROPPED.replace("0.2", "oops"));
+    assert_eq!(rescan(&mut store), (false, true));
+    assert_eq!(rescan(&mut store), (false, false), "said once");
+    let reason = &store.refused()["fern"].reason;
+    assert!(reason.contains("fern.toml:6:24: ") && !reason.contains('\n'), "{reason}");
+    assert_eq!(store.blades(), good);
+
+    // Also when the station is started while the file is broken.
+    drop(store);
+    let mut store = open(&folder);
+    assert_eq!(store.blades()[0].knots(), good[0].knots());
+    assert!(store.refused().contains_key("fern"));
+
+    drop_file(&store, "fern", &DROPPED.replace("0.2", "0.3"));
+    assert_eq!(rescan(&mut store), (true, true));
+    assert!(store.refused().is_empty());
+    assert_eq!(store.blades()[0].length_m(), 0.3);
+
+    fs::remove_file(store.blades_folder().join("fern.toml")).expect("it is there");
+    assert_eq!(rescan(&mut store), (true, false));
+    assert!(store.is_empty());
+}
+
+#[test]
+fn a_broken_file_that_is_removed_takes_the_blade_with_it() {
+    let folder = folder();
+    let mut store = open(&folder);
+    drop_file(&store, "fern", DROPPED);
+    rescan(&mut store);
+    drop_file(&store, "fern", "green");
+    rescan(&mut store);
+    fs::remove_file(store.blades_folder().join("fern.toml")).expect("it is there");
+    assert_eq!(rescan(&mut store), (true, true));
+    assert!(store.is_empty() && store.refused().is_empty());
+    store.restore("fern").expect("the last good one is in the history");
+    assert_eq!(names(&store), ["fern"]);
+}
+
+#[test]
+fn a_copy_is_refused_until_it_has_an_id_of_its_own() {
+    let folder = folder();
+    let mut store = open(&folder);
+    store.keep(&captured(1)).expect("room");
+    let text = store.records()[0].to_toml();
+    drop_file(&store, "copy", &text);
+    assert_eq!(rescan(&mut store), (false, true));
+    let reason = &store.refused()["copy"].reason;
+    assert!(reason.contains(captured(1).blade.name()) && reason.contains("`id`"), "{reason}");
+    let own: String =
+        text.lines().filter(|line| !line.starts_with("id")).flat_map(|line| [line, "\n"]).collect();
+    drop_file(&store, "copy", &own);
+    assert_eq!(rescan(&mut store), (true, true));
+    assert_eq!(names(&store).len(), 2);
+}
+
+#[test]
+fn a_swap_can_be_undone_and_done_again() {
+    let folder = folder();
+    let mut store = open(&folder);
+    drop_file(&store, "fern", DROPPED);
+    rescan(&mut store);
+    drop_file(&store, "fern", &DROPPED.replace("0.2", "0.3"));
+    rescan(&mut store);
+    let length = |store: &Store| store.blades()[0].length_m();
+    for expected in [0.2, 0.3, 0.2] {
+        store.restore("fern").expect("there is an earlier one");
+        assert_eq!(length(&store), expected);
+        assert_eq!(rescan(&mut store), (false, false));
+    }
+    drop(store);
+    assert_eq!(length(&open(&folder)), 0.2);
+}
+
+#[test]
+fn what_was_removed_stays_so_until_it_is_restored() {
+    let folder = folder();
+    let mut store = open(&folder);
+    store.keep(&captured(1)).expect("room");
+    let name = captured(1).blade.name().to_owned();
+    store.remove(&name).expect("it is there");
+    assert!(store.is_empty());
+    assert!(matches!(store.remove(&name), Err(StoreError::NotFound(_))));
+    drop(store);
+    let mut store = open(&folder);
+    assert_eq!(store.keep(&captured(1)).expect("room"), Kept::Known, "a loop does not bring it back");
+    store.restore(&name).expect("it is in the history");
+    assert_eq!(names(&store), std::slice::from_ref(&name));
+    assert!(matches!(store.restore(&name), Err(StoreError::NoHistory(_))));
+    assert!(matches!(store.restore("moss"), Err(StoreError::NoHistory(_))));
+}
+
+#[test]
+fn a_name_is_had_by_one() {
+    let folder = folder();
+    let mut store = open(&folder);
+    store.keep(&captured(1)).expect("room");
+    store.keep(&captured(2)).expect("room");
+    let [a, b] = [1, 2].map(|number| captured(number).blade.name().to_owned());
+    assert!(matches!(store.rename(&a, &b), Err(StoreError::Taken(_))));
+    assert!(matches!(store.rename(&a, "../a"), Err(StoreError::Name(_))));
+    assert!(matches!(store.rename("../a", "b"), Err(StoreError::Name(_))));
+    assert!(matches!(store.rename("moss", "fern"), Err(StoreError::NotFound(_))));
+    store.rename(&a, "fern").expect("free");
+    assert_eq!(names(&store), ["fern".to_owned(), b]);
+    assert_eq!(store.blades()[0].id(), captured(1).blade.id(), "it is the same blade");
+    assert_eq!(store.keep(&captured(1)).expect("room"), Kept::Known);
+    assert_eq!(rescan(&mut store), (false, false));
+}
+
+#[test]
+fn a_mix_weight_is_set_and_the_rest_of_the_file_stays() {
+    let folder = folder();
+    let mut store = open(&folder);
+    drop_file(&store, "fern", DROPPED);
+    rescan(&mut store);
+    let before = store.blades()[0].captured_unix_ns();
+    store.set_mix("fern", 0.1).expect("valid");
+    let fern = &store.blades()[0];
+    assert_eq!((fern.mix(), fern.captured_unix_ns()), (0.1, before));
+    let file = fs::read_to_string(store.blades_folder().join("fern.toml")).expect("text");
+    assert_eq!(file, DROPPED.replace("mix = 0.5", "mix = 0.1"));
+    for bad in [-1.0, f64::NAN, f64::INFINITY, 1e300] {
+        assert!(matches!(store.set_mix("fern", bad), Err(StoreError::Mix(_))));
+    }
+    drop_file(&store, "fern", "green");
+    assert!(matches!(store.set_mix("fern", 1.0), Err(StoreError::Refused { .. })), "not read yet");
+    rescan(&mut store);
+    assert!(matches!(store.set_mix("fern", 1.0), Err(StoreError::Refused { .. })), "broken");
+    assert_eq!(fs::read(store.blades_folder().join("fern.toml")).expect("there"), b"green");
+}
+
+#[test]
+fn the_oldest_that_is_not_pinned_goes_to_the_archive() {
+    let folder = folder();
+    let mut store = open(&folder);
+    for number in 1..=4 {
+        store.keep(&captured(number)).expect("room");
+    }
+    let first = captured(1).blade.name().to_owned();
+    let pinned = store.records()[0].to_toml().replace("pinned = false", "pinned = true");
+    drop_file(&store, &first, &pinned);
+    rescan(&mut store);
+    store.keep(&captured(5)).expect("the second goes");
+    drop_file(&store, "fern", DROPPED);
+    assert_eq!(rescan(&mut store), (true, false));
+    let expected: Vec<String> = [1, 4, 5].map(|number| captured(number).blade.name().to_owned()).into();
+    assert_eq!(names(&store), [&expected[..], &["fern".to_owned()]].concat());
+    assert!(store.archive().join(captured(2).blade.name()).join("000001.toml").exists());
+
+    store.restore(captured(3).blade.name()).expect("it is in the archive");
+    assert_eq!(names(&store).len(), 4);
+    for name in names(&store) {
+        let text = fs::read_to_string(store.path(&name)).expect("text");
+        drop_file(
+            &store,
+            &name,
+            &text.replace("pinned = false", "pinned = true").replace("mix = 0.5", "pinned = true"),
+        );
+    }
+    rescan(&mut store);
+    assert!(matches!(store.keep(&captured(9)), Err(StoreError::AllPinned)));
+    assert_eq!(names(&store).len(), 4);
+}
+
+#[test]
+fn a_folder_with_too_many_blades_is_read_up_to_what_fits() {
+    let folder = folder();
+    let store = open(&folder);
+    for number in 1..=6 {
+        let record = Record { sequence: Some(number), ..captured(number) };
+        drop_file(&store, record.blade.name(), &record.to_toml());
+    }
+    drop(store);
+    let store = open(&folder);
+    let expected: Vec<String> = (3..=6).map(|number| captured(number).blade.name().to_owned()).collect();
+    assert_eq!(names(&store), expected);
+    assert_eq!(fs::read_dir(store.archive()).expect("there").count(), 2);
+}
+
+#[test]
+fn another_folder_in_its_place_is_not_an_empty_library() {
+    let folder = folder();
+    let mut store = open(&folder);
+    store.keep(&captured(1)).expect("room");
+    let aside = folder.path().join("aside");
+    fs::rename(store.blades_folder(), &aside).expect("moved");
+    assert!(store.rescan().is_err());
+    fs::create_dir(store.blades_folder()).expect("room");
+    let error = store.rescan().expect_err("it is another one").to_string();
+    assert!(error.contains("another folder"), "{error}");
+    assert!(store.keep(&captured(2)).is_err() && store.probe().is_err());
+    assert_eq!(names(&store).len(), 1);
+    fs::remove_dir(store.blades_folder()).expect("empty");
+    fs::rename(aside, store.blades_folder()).expect("moved back");
+    assert_eq!(rescan(&mut store), (false, false));
+    store.keep(&captured(2)).expect("room");
+}
+
+#[test]
+fn a_folder_that_comes_late_is_read_then() {
+    let folder = folder();
+    let place = folder.path().join("state");
+    fs::write(&place, "a file where the folder should be").expect("room");
+    let mut store = Store::open_with(&place, 1, 4).expect("that is no reason to stay down");
+    assert!(store.prepare().is_err() && store.keep(&captured(1)).is_err());
+    fs::remove_file(&place).expect("it is there");
+    fs::create_dir_all(place.join("blades")).expect("room");
+    fs::write(place.join("blades/fern.toml"), DROPPED).expect("room");
+    store.prepare().expect("it is a folder now");
+    assert_eq!(names(&store), ["fern"]);
+}

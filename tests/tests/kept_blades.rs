@@ -1,0 +1,295 @@
+//! Is every blade that was announced there again, whole, whatever becomes of the daemon and its disk?
+//! `SWARD_KILLS=1000` kills it so often, instead of 20 times.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use common::library::BladeView;
+use serde_json::{Value, json};
+use tests::daemon::Daemon;
+use tests::programs::{DEADLINE, Program, wait_for};
+use tests::station::Station;
+
+const FERN: &str = "format = 1\nknots = [\n  { position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] },\n  { position_m = [0.0, 0.2, 0.0], half_width_m = [0.0, 0.0] },\n]\n";
+
+/// Nothing is captured but by `Capture`.
+fn by_hand() -> Vec<(&'static str, String)> {
+    vec![("capture.hold_s", "60.0".to_owned()), ("source.loop", "true".to_owned())]
+}
+
+/// Captures what the recording shows; it begins with nothing.
+fn capture(station: &mut Station) -> Value {
+    let answer = wait_for(DEADLINE, || {
+        let (reply, _) = station.call("Capture", &json!({}));
+        (reply["error"] != "io.sward.Station.NothingHeld").then_some(reply)
+    });
+    answer.expect("the recording shows something")
+}
+
+fn ids(station: &mut Station) -> BTreeSet<String> {
+    station.library(0).blades().map(|blade| blade.id().to_string()).collect()
+}
+
+fn names(station: &mut Station) -> Vec<String> {
+    station.library(0).blades().map(|blade| blade.name().to_owned()).collect()
+}
+
+/// The first library that satisfies this.
+fn library_with(station: &mut Station, what: impl Fn(&[BladeView<'_>]) -> bool) {
+    let start = Instant::now();
+    let mut library = station.library(0);
+    while !what(&library.blades().collect::<Vec<_>>()) {
+        assert!(start.elapsed() < DEADLINE, "it does not come");
+        library = station.library(library.generation());
+    }
+}
+
+#[test]
+fn killed_at_any_moment_it_has_every_blade_that_it_announced() {
+    let mut folder = tempfile::tempdir().expect("a folder");
+    let (mut announced, mut generation) = (BTreeSet::new(), 0u64);
+    let mut grown = 0;
+    let kills = std::env::var("SWARD_KILLS").map_or(20, |kills| kills.parse().expect("a whole number"));
+    for round in 0..kills {
+        // Other knots are other blades, so that there is something new to keep in each round.
+        let settings = [
+            ("source.loop", "true".to_owned()),
+            ("source.rate", "0.0".to_owned()),
+            ("capture.hold_s", format!("{:?}", 0.05 * (round % 5) as f64)),
+            ("refine.knots", (3 + round % 62).to_string()),
+        ];
+        let daemon = Daemon::start_in(folder, &settings);
+        let mut reader = daemon.connect();
+        let listed = daemon.connect().call("ListBlades", &json!({})).0;
+        assert_eq!(listed["parameters"]["refused"], json!([]), "half a blade");
+        if !announced.is_empty() {
+            let library = reader.library(0);
+            let there: BTreeSet<String> = library.blades().map(|blade| blade.id().to_string()).collect();
+            let lost: Vec<&String> = announced.difference(&there).collect();
+            assert!(lost.is_empty(), "round {round}: {lost:?} are lost");
+            assert!(library.generation() > generation, "round {round}: {generation} comes again");
+        }
+        let before = announced.len();
+        let followed = std::thread::spawn(move || {
+            let (mut after, mut seen) = (0, BTreeSet::new());
+            while let Ok(library) = reader.try_library(after) {
+                after = library.generation();
+                seen.extend(library.blades().map(|blade| blade.id().to_string()));
+            }
+            (after, seen)
+        });
+        // A moment that is another in each round, and the same in each run of the test.
+        let moment = (round * 7919 + 13) % 397;
+        std::thread::sleep(Duration::from_millis(moment));
+        folder = daemon.kill();
+        let (last, seen) = followed.join().expect("the reader does not panic");
+        generation = generation.max(last);
+        announced.extend(seen);
+        grown += usize::from(announced.len() > before);
+    }
+    assert!(grown > 5 && announced.len() > 15, "{} blades in {grown} rounds", announced.len());
+}
+
+#[test]
+fn a_file_goes_live_and_a_broken_one_is_refused_until_it_is_mended() {
+    let daemon = Daemon::start(&by_hand());
+    let file = daemon.blades().join("fern.toml");
+    fs::write(&file, FERN).expect("room");
+    let mut station = daemon.connect();
+    library_with(&mut station, |blades| blades.len() == 1 && blades[0].length_m() == 0.2);
+
+    fs::write(&file, FERN.replace("[0.0, 0.2", "[0.0, oops")).expect("room");
+    let refused = wait_for(DEADLINE, || {
+        let listed = daemon.client(&["blades", "list"]);
+        listed.stdout.contains("refused: ").then_some(listed.stdout)
+    });
+    let refused = refused.expect("it is said");
+    assert!(refused.contains("fern.toml:4:24: ") && refused.lines().count() == 2, "{refused}");
+    assert_eq!(station.library(0).blades().next().expect("the last good one").length_m(), 0.2);
+
+    // Over the old one, as editors do.
+    let beside = daemon.blades().join("fern.toml.new");
+    fs::write(&beside, FERN.replace("0.2", "0.3")).expect("room");
+    fs::rename(&beside, &file).expect("the same folder");
+    library_with(&mut station, |blades| blades.len() == 1 && blades[0].length_m() == 0.3);
+    assert_eq!(daemon.client(&["blades", "list"]).stdout.lines().count(), 1);
+
+    assert_eq!(daemon.client(&["blades", "restore", "fern"]).code, Some(0));
+    assert_eq!(station.library(0).blades().next().expect("fern").length_m(), 0.2, "the swap is undone");
+    fs::remove_file(&file).expect("it is there");
+    library_with(&mut station, |blades| blades.is_empty());
+}
+
+#[test]
+fn the_library_is_served_again_after_a_restart_as_it_was() {
+    let daemon = Daemon::start(&[("source.rate", "0.0".to_owned())]);
+    let mut station = daemon.connect();
+    let library = station.library_of_at_least(1);
+    let names = names(&mut station);
+    assert_eq!(daemon.client(&["blades", "rename", &names[0], "fern"]).code, Some(0));
+    assert_eq!(daemon.client(&["blades", "mix", "fern", "2.5"]).code, Some(0));
+    assert_eq!(daemon.client(&["blades", "remove", &names[1]]).code, Some(0));
+    let before = station.library(0);
+    let (folder, finished) = daemon.end();
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+
+    // As if the clock had been ahead and were set back.
+    let ahead = 8_000_000_000_000_000u64;
+    fs::write(folder.path().join("state/generation"), format!("{ahead}\n")).expect("room");
+    // The same recording again: what was removed stays so, and nothing comes twice.
+    let daemon = Daemon::start_in(folder, &[("source.rate", "0.0".to_owned())]);
+    let mut station = daemon.connect();
+    wait_for(DEADLINE, || (station.status()["captures"] == json!(1)).then_some(())).expect("a capture");
+    let after = station.library(0);
+    assert!(after.generation() > ahead && ahead > before.generation());
+    assert_eq!(after.len(), library.len() - 1);
+    assert_eq!(common::library::library_hash(after.bytes()), common::library::library_hash(before.bytes()));
+    let fern = after.blades().find(|blade| blade.name() == "fern").expect("it was renamed");
+    assert_eq!(fern.mix(), 2.5);
+    assert_eq!(daemon.client(&["blades", "restore", &names[1]]).code, Some(0));
+    assert_eq!(station.library(0).len(), library.len());
+}
+
+#[test]
+fn it_holds_4096_blades_and_the_oldest_goes_to_the_archive() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let blades = folder.path().join("state/blades");
+    fs::create_dir_all(&blades).expect("room");
+    for number in 0..4096 {
+        let text = FERN.replace("0.2", &format!("{:?}", 0.1 + 1e-5 * f64::from(number)));
+        let text = text.replacen("knots", &format!("captured_unix_ns = {number}\nknots"), 1);
+        fs::write(blades.join(format!("b{number}.toml")), text).expect("room");
+    }
+    let daemon = Daemon::start_in(folder, &by_hand());
+    let mut station = daemon.connect();
+    let library = station.library(0);
+    assert_eq!(library.len(), 4096);
+    let listed = station.call("ListBlades", &json!({})).0;
+    assert_eq!(listed["parameters"]["blades"].as_array().map(Vec::len), Some(4096));
+
+    fs::write(daemon.blades().join("one-more.toml"), FERN).expect("room");
+    library_with(&mut station, |blades| blades.iter().any(|blade| blade.name() == "one-more"));
+    let names = names(&mut station);
+    assert_eq!((names.len(), names.contains(&"b0".to_owned())), (4096, false));
+    assert!(daemon.folder().join("state/archive/b0/000001.toml").exists());
+    let (_, finished) = daemon.end();
+    assert!(finished.stderr.contains("the library is full"), "{}", finished.stderr);
+}
+
+/// A daemon whose state directory is a file system of its own, which `mount` makes; in a namespace, so
+/// that nobody needs to be root. `None`, said aloud, where the system allows no namespaces.
+fn on_a_disk_of_its_own(mount: &str) -> Option<Daemon> {
+    let namespace = ["--user", "--map-root-user", "--mount"];
+    let allowed =
+        Command::new("unshare").args(namespace).args(["mount", "-t", "tmpfs", "tmpfs", "/mnt"]).status();
+    if !allowed.is_ok_and(|status| status.success()) {
+        eprintln!("skipped: this machine allows no mount in a namespace of its own");
+        return None;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::create_dir(folder.path().join("state")).expect("room");
+    fs::write(folder.path().join("station.toml"), "refine.knots = 16\n").expect("room");
+    let command = Daemon::command(folder.path(), &by_hand());
+    let mut inside = Command::new("unshare");
+    inside.args(namespace).args(["sh", "-c", &format!("cd \"$1\" && shift && {mount} && exec \"$@\""), "sh"]);
+    inside.arg(folder.path()).arg(command.get_program()).args(command.get_args());
+    inside.env_remove("STATE_DIRECTORY");
+    Some(Daemon::start_command(folder, inside))
+}
+
+/// The state directory as that daemon sees it.
+fn state_inside(daemon: &mut Daemon) -> std::path::PathBuf {
+    let root = format!("/proc/{}/root", daemon.running().id());
+    let state = daemon.folder().join("state");
+    Path::new(&root).join(state.strip_prefix("/").expect("an absolute path"))
+}
+
+#[test]
+fn a_full_disk_loses_no_blade_and_what_waits_is_kept_when_there_is_room() {
+    let Some(mut daemon) = on_a_disk_of_its_own("mount -t tmpfs -o size=256k tmpfs state") else { return };
+    let state = state_inside(&mut daemon);
+    let mut station = daemon.connect();
+    let reply = capture(&mut station);
+    assert!(reply["parameters"]["names"].as_array().is_some_and(|names| !names.is_empty()), "{reply}");
+    let before = ids(&mut station);
+
+    let filler = state.join("filler");
+    let full = fs::write(&filler, vec![0; 1 << 20]).expect_err("it is small");
+    assert_eq!(full.kind(), std::io::ErrorKind::StorageFull);
+    // The recording shows the same again, and would give blades that are there already.
+    fs::write(daemon.folder().join("station.toml"), "refine.knots = 12\n").expect("room");
+    assert_eq!(station.call("Reload", &json!({})).0["parameters"]["changed"], json!(["refine.knots"]));
+    let reply = capture(&mut station);
+    assert_eq!(reply["error"], "io.sward.Station.StoreTrouble", "{reply}");
+    let status = station.status();
+    assert!(status["store"].as_str().is_some_and(|store| store.contains("No space left")), "{status}");
+    assert!(status["waiting"].as_u64() > Some(0), "{status}");
+    assert_eq!(ids(&mut station), before, "what was announced stays, and nothing that is not on disk is");
+    assert_eq!(
+        station.call("SetMix", &json!({"name": "fern", "mix": 1})).0["error"],
+        "io.sward.Station.NoSuchBlade"
+    );
+
+    fs::remove_file(&filler).expect("it is there");
+    library_with(&mut station, |blades| blades.len() > before.len());
+    wait_for(DEADLINE, || (station.status()["store"] == "ok").then_some(())).expect("it goes on by itself");
+    let after = ids(&mut station);
+    assert!(after.is_superset(&before));
+    let status = station.status();
+    assert_eq!((&status["waiting"], &status["lost"]), (&json!(0), &json!(0)), "{status}");
+    let files = fs::read_dir(state.join("blades")).expect("readable").count();
+    assert_eq!(files, after.len(), "a file for each blade and nothing else");
+}
+
+#[test]
+fn a_disk_that_is_read_only_is_served_and_written_again_when_it_can_be() {
+    let seeded = format!(
+        "mount -t tmpfs -o size=1m tmpfs state && mkdir state/blades && printf '{}' > state/blades/fern.toml && mount -o remount,ro state",
+        FERN.replace('\n', "\\n")
+    );
+    let Some(mut daemon) = on_a_disk_of_its_own(&seeded) else { return };
+    let mut station = daemon.connect();
+    assert_eq!(names(&mut station), ["fern"]);
+    let status = station.status();
+    assert!(status["store"].as_str().is_some_and(|store| store.contains("Read-only")), "{status}");
+    let refused = daemon.client(&["blades", "remove", "fern"]);
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(refused.stderr.contains("Read-only") && refused.stderr.ends_with(".\n"), "{refused:?}");
+    let reply = capture(&mut station);
+    assert_eq!(reply["error"], "io.sward.Station.StoreTrouble", "{reply}");
+    assert_eq!(names(&mut station), ["fern"]);
+
+    let state = daemon.folder().join("state");
+    let id = daemon.running().id().to_string();
+    let mut remount = Command::new("nsenter");
+    remount.args([
+        "--target",
+        &id,
+        "--user",
+        "--preserve-credentials",
+        "--mount",
+        "mount",
+        "-o",
+        "remount,rw",
+    ]);
+    assert!(remount.arg(state).status().expect("nsenter runs").success());
+    library_with(&mut station, |blades| blades.len() > 1);
+    assert_eq!(daemon.client(&["blades", "remove", "fern"]).code, Some(0));
+    wait_for(DEADLINE, || (station.status()["store"] == "ok").then_some(())).expect("it goes on by itself");
+}
+
+#[test]
+fn two_stations_do_not_share_a_store() {
+    let daemon = Daemon::start(&by_hand());
+    let other = daemon.folder().join("other.socket");
+    let mut command = Daemon::command(daemon.folder(), &by_hand());
+    command.args(["--set".to_owned(), format!("service.socket={other:?}")]).env("SWARD_LOG", "off");
+    let refused = tests::programs::Running::start(command).finish(DEADLINE);
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(refused.stderr.contains("state directory is in use"), "{refused:?}");
+    assert!(!other.exists());
+    assert_eq!(Program::Capture.run(["check-config"]).code, Some(0));
+}
