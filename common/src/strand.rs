@@ -98,28 +98,43 @@ impl Strands {
             self.previous[i] = self.positions[i];
             self.positions[i] = moved;
         }
-        for _ in 0..params.shape_iterations {
-            self.pull_to_rest_shape(0.5 * params.stiffness.min(0.95));
-        }
+        self.pull_to_rest_shape(0.5 * params.stiffness.min(0.95), params.shape_iterations as usize);
         for _ in 0..params.length_iterations {
             self.restore_lengths();
         }
         self.restore_lengths_exactly();
     }
 
-    fn pull_to_rest_shape(&mut self, share: f32) {
-        let mut frame = self.root_frame;
-        for i in 0..self.rest_edges.len() {
-            let goal = self.positions[i] + frame.outwards(self.rest_edges[i]);
-            let pull = (goal - self.positions[i + 1]) * Numbers::all(share);
-            if i >= 2 {
-                self.positions[i] = self.positions[i] - pull;
+    /// So many passes from root to tip. A pass follows the one before it two edges behind, where that one
+    /// touches nothing any more: it comes out to the bit as if one ran after the other, but each edge of a pass
+    /// waits for the edge before it, and meanwhile the processor reckons with the other passes.
+    fn pull_to_rest_shape(&mut self, share: f32, passes: usize) {
+        const BEHIND: usize = 2;
+        let edges = self.rest_edges.len();
+        let mut frames = vec![self.root_frame; passes];
+        for first in 0..edges + BEHIND * passes.saturating_sub(1) {
+            for (pass, frame) in frames.iter_mut().enumerate() {
+                let Some(i) = first.checked_sub(BEHIND * pass) else { break };
+                if i < edges {
+                    Self::pull_edge(&mut self.positions, self.rest_edges[i], i, frame, share);
+                }
             }
-            if i >= 1 {
-                self.positions[i + 1] = self.positions[i + 1] + pull;
-            }
-            frame.turn_to(self.positions[i + 1] - self.positions[i]);
         }
+    }
+
+    /// Pulls edge `i` to where it is at rest in the frame of the edge before it, and turns that frame to it.
+    #[inline(always)]
+    fn pull_edge(positions: &mut [Vectors], rest: [Numbers; 3], i: usize, frame: &mut Frame, share: f32) {
+        let (mut from, mut to) = (positions[i], positions[i + 1]);
+        let pull = (from + frame.outwards(rest) - to) * Numbers::all(share);
+        if i >= 2 {
+            from = from - pull;
+        }
+        if i >= 1 {
+            to = to + pull;
+        }
+        (positions[i], positions[i + 1]) = (from, to);
+        frame.turn_to(to - from);
     }
 
     fn restore_lengths(&mut self) {
@@ -143,9 +158,9 @@ impl Strands {
 
     fn restore_lengths_exactly(&mut self) {
         for i in 1..self.rest_lengths.len() {
-            let before = self.positions[i] - self.positions[i - 1];
             let edge = self.positions[i + 1] - self.positions[i];
-            let direction = edge.unit_or(before.unit_or(Vectors::all(Vec3::Y)));
+            let direction = edge
+                .unit_or_else(|| (self.positions[i] - self.positions[i - 1]).unit_or(Vectors::all(Vec3::Y)));
             self.positions[i + 1] = self.positions[i] + direction * self.rest_lengths[i];
         }
     }
@@ -161,6 +176,7 @@ struct Frame {
 
 impl Frame {
     /// A vector given along the axes.
+    #[inline]
     fn outwards(&self, [x, y, z]: [Numbers; 3]) -> Vectors {
         self.x * x + self.y * y + self.z * z
     }
@@ -171,6 +187,7 @@ impl Frame {
     }
 
     /// Turns it by the shortest way such that its x axis points along `edge`.
+    #[inline(always)]
     fn turn_to(&mut self, edge: Vectors) {
         let length = edge.length();
         let direction = edge * (Numbers::all(1.0) / length);
@@ -219,12 +236,12 @@ pub fn motions_under(midribs: &[&[Vec3]], frames: usize, wind: impl Fn(f32) -> V
         let rest: Vec<Vec<Vec3>> =
             midribs.iter().map(|midrib| polyline::resample(midrib, LINKS + 1)).collect();
         // Where each vertex is on the chain, in links from the root.
-        let places: Vec<Vec<f32>> = midribs
+        let places: Vec<Vec<Place>> = midribs
             .iter()
             .map(|midrib| {
                 let cumulative = polyline::cumulative_length(midrib);
                 let total = cumulative.last().copied().unwrap_or(0.0).max(f32::MIN_POSITIVE);
-                cumulative.iter().map(|s| s / total * LINKS as f32).collect()
+                cumulative.iter().map(|s| Place::new(s / total * LINKS as f32, LINKS)).collect()
             })
             .collect();
         let mut strands = Strands::at_rest(&rest);
@@ -235,7 +252,7 @@ pub fn motions_under(midribs: &[&[Vec3]], frames: usize, wind: impl Fn(f32) -> V
             if step * frames / STEPS > (step - 1) * frames / STEPS {
                 for (strand, (motion, places)) in motions[first..].iter_mut().zip(&places).enumerate() {
                     let positions = strands.positions(strand);
-                    motion.push(places.iter().map(|place| cubic(&positions, *place)).collect());
+                    motion.push(along(&positions, places));
                 }
             }
         }
@@ -243,17 +260,38 @@ pub fn motions_under(midribs: &[&[Vec3]], frames: usize, wind: impl Fn(f32) -> V
     motions
 }
 
-/// The Catmull–Rom curve through `points` (≥ 2) at `t` links from the first.
-fn cubic(points: &[Vec3], t: f32) -> Vec3 {
+/// A place on a chain: after so many links, and what the points and slopes at the ends of the next one count
+/// there.
+struct Place {
+    link: usize,
+    weights: [f32; 4],
+}
+
+impl Place {
+    /// `t` links from the first point of a chain of so many links, ≥ 1.
+    fn new(t: f32, links: usize) -> Self {
+        let link = (t as usize).min(links - 1);
+        let t = t - link as f32;
+        let (t2, t3) = (t * t, t * t * t);
+        let weights = [2.0 * t3 - 3.0 * t2 + 1.0, t3 - 2.0 * t2 + t, 3.0 * t2 - 2.0 * t3, t3 - t2];
+        Self { link, weights }
+    }
+}
+
+/// The Catmull–Rom curve through `points` (≥ 2) at some places.
+fn along(points: &[Vec3], places: &[Place]) -> Vec<Vec3> {
     let last = points.len() - 1;
-    let i = (t as usize).min(last - 1);
-    let t = t - i as f32;
-    let (p1, p2) = (points[i], points[i + 1]);
-    let before = if i > 0 { points[i - 1] } else { 2.0 * p1 - p2 };
-    let after = if i + 2 <= last { points[i + 2] } else { 2.0 * p2 - p1 };
-    let (m1, m2) = ((p2 - before) * 0.5, (after - p1) * 0.5);
-    let (t2, t3) = (t * t, t * t * t);
-    p1 * (2.0 * t3 - 3.0 * t2 + 1.0) + m1 * (t3 - 2.0 * t2 + t) + p2 * (3.0 * t2 - 2.0 * t3) + m2 * (t3 - t2)
+    let slope = |i: usize| {
+        let before = if i > 0 { points[i - 1] } else { 2.0 * points[0] - points[1] };
+        let after = if i < last { points[i + 1] } else { 2.0 * points[last] - points[last - 1] };
+        (after - before) * 0.5
+    };
+    let slopes: Vec<Vec3> = (0..=last).map(slope).collect();
+    let at = |Place { link, weights: [p1, m1, p2, m2] }: &Place| {
+        let next = link + 1;
+        points[*link] * *p1 + slopes[*link] * *m1 + points[next] * *p2 + slopes[next] * *m2
+    };
+    places.iter().map(at).collect()
 }
 
 #[cfg(test)]

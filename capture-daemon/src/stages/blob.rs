@@ -2,7 +2,7 @@
 
 use std::cmp::Reverse;
 
-use glam::Vec2;
+use glam::{Vec2, Vec4};
 
 use super::buckets::Buckets;
 use super::mask::{Labels, Mask};
@@ -30,6 +30,9 @@ impl Field {
     pub fn at(&self, point: Vec2) -> f32 {
         let [x0, y0, x1, y1] = self.bounds.map(|bound| bound as isize);
         let (x, y) = (point.x.floor() as isize, point.y.floor() as isize);
+        if x > x0 && y > y0 && x + 2 < x1 && y + 2 < y1 {
+            return self.at_inner(point, (x - x0 - 1) as usize, (y - y0 - 1) as usize);
+        }
         let columns = (x - 1).max(x0)..(x + 3).min(x1);
         let mut best = f32::INFINITY;
         if columns.is_empty() {
@@ -46,6 +49,24 @@ impl Field {
                 }
             }
         }
+        if best < FAR_PX { best } else { 0.0 }
+    }
+
+    /// The same where all four by four pixels around the point, whose first is at column and row `x`, `y`, are
+    /// within the bounds: those of a row are reckoned with together.
+    fn at_inner(&self, point: Vec2, x: usize, y: usize) -> f32 {
+        let [x0, y0, x1, _] = self.bounds;
+        let columns = Vec4::from_array([0, 1, 2, 3].map(|k| (x0 + x + k) as f32)) - point.x;
+        let mut best = Vec4::INFINITY;
+        for v in y..y + 4 {
+            let start = v * (x1 - x0) + x;
+            let twelfths: [u32; 4] = std::array::from_fn(|k| self.twelfths[start..start + 4][k]);
+            let down = (y0 + v) as f32 - point.y;
+            let away = columns * columns + down * down;
+            let away = Vec4::from_array(away.to_array().map(f32::sqrt));
+            best = best.min(Vec4::from_array(twelfths.map(|it| it as f32)) / 12.0 + away);
+        }
+        let best = best.min_element();
         if best < FAR_PX { best } else { 0.0 }
     }
 

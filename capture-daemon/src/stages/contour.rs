@@ -82,6 +82,7 @@ impl Grid<'_> {
     /// For each edge the next one along the border, `u32::MAX` where the border does not pass; and the edges
     /// where it does, ascending.
     fn links(&self) -> (Vec<u32>, Vec<u32>) {
+        const CHUNK: usize = 16;
         let mut next = vec![u32::MAX; 2 * self.columns * self.rows];
         let mut upper = vec![false; self.columns];
         let mut lower = upper.clone();
@@ -95,7 +96,12 @@ impl Grid<'_> {
             for (mixed, ((a, b), (c, d))) in mixed.iter_mut().zip(nodes) {
                 *mixed = (a ^ b) | (a ^ c) | (a ^ d);
             }
-            for column in (0..self.columns - 1).filter(|column| mixed[*column]) {
+            let any = mixed
+                .chunks(CHUNK)
+                .zip((0..).step_by(CHUNK))
+                .filter(|(chunk, _)| chunk.iter().fold(false, |any, mixed| any | mixed));
+            let columns = any.flat_map(|(chunk, start)| (start..).zip(chunk));
+            for column in columns.filter_map(|(column, mixed)| mixed.then_some(column)) {
                 let case = [upper[column], upper[column + 1], lower[column + 1], lower[column]];
                 let top = self.edge(column, row, false);
                 let bottom = self.edge(column, row + 1, false);

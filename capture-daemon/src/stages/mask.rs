@@ -73,24 +73,21 @@ impl Labels {
         }
     }
 
-    /// Lets the regions, which are these components, grow into neighbours that are seldom occupied.
-    fn grow_fringes(
-        &mut self,
-        components: &[Component],
-        width: usize,
-        region: [usize; 4],
-        occupancy: &[f32],
-        depth_m: &[f32],
-    ) {
-        let mut front = self.rims(components, width, region);
+    /// Lets the regions grow into neighbours that are seldom occupied.
+    fn grow_fringes(&mut self, width: usize, region: [usize; 4], occupancy: &[f32], depth_m: &[f32]) {
+        let mut front = self.rims(width, region);
         let mut next = 0;
         while next < front.len() {
             let index = front[next];
             next += 1;
             let label = self.of[index];
             for other in neighbours(index, width, region) {
-                let seldom = (FRINGE_OCCUPANCY..BODY_OCCUPANCY).contains(&occupancy[other]);
-                if self.of[other] == 0 && seldom && agree(depth_m[index], depth_m[other]) {
+                // Most are of a region; seldom occupied ones are by chance.
+                if self.of[other] != 0 {
+                    continue;
+                }
+                let seldom = (occupancy[other] >= FRINGE_OCCUPANCY) & (occupancy[other] < BODY_OCCUPANCY);
+                if seldom && agree(depth_m[index], depth_m[other]) {
                     self.of[other] = label;
                     let (x, y) = (other % width, other / width);
                     let bounds = &mut self.regions[usize::from(label) - 1].bounds;
@@ -102,29 +99,34 @@ impl Labels {
     }
 
     /// The pixels of regions that have a neighbour of none, or beyond `within`, row by row.
-    fn rims(&self, components: &[Component], width: usize, within: [usize; 4]) -> Vec<usize> {
+    fn rims(&self, width: usize, within: [usize; 4]) -> Vec<usize> {
+        const CHUNK: usize = 16;
         let [x0, y0, x1, y1] = within;
-        let mut runs: Vec<Range<usize>> = components.iter().flat_map(Component::runs).collect();
-        runs.sort_unstable_by_key(|run| run.start);
+        let row = |y: usize| &self.of[y * width + x0..y * width + x1];
+        // Whether a pixel and both above and below are of a region; and those beside it too. Whole rows are
+        // told several pixels at a time.
+        let mut upright = vec![false; x1 - x0];
+        let mut is_rim = upright.clone();
         let mut rims = Vec::new();
-        for run in runs {
-            let (x, y) = (run.start % width, run.start / width);
-            // Those at the border have no neighbours to look at.
-            let inner = if y > y0 && y + 1 < y1 {
-                run.start + usize::from(x == x0)..run.end - usize::from(x + run.len() == x1)
-            } else {
-                run.end..run.end
-            };
-            rims.extend(run.start..inner.start.min(run.end));
-            let around =
-                |offset: usize| &self.of[inner.start + offset - width - 1..inner.end + offset - width + 1];
-            if inner.start < inner.end {
-                let rows =
-                    around(0).windows(3).zip(around(width).windows(3)).zip(around(2 * width).windows(3));
-                let amid = |row: &[u16]| (row[0] != 0) & (row[1] != 0) & (row[2] != 0);
-                let rim = rows.zip(inner.clone()).filter(|(((a, b), c), _)| !(amid(a) & amid(b) & amid(c)));
-                rims.extend(rim.map(|(_, index)| index));
-                rims.extend(inner.end..run.end);
+        for y in y0..y1 {
+            for (is_rim, label) in is_rim.iter_mut().zip(row(y)) {
+                *is_rim = *label != 0;
+            }
+            if y > y0 && y + 1 < y1 {
+                let labels = row(y - 1).iter().zip(row(y)).zip(row(y + 1));
+                for (upright, ((above, here), below)) in upright.iter_mut().zip(labels) {
+                    *upright = (*above != 0) & (*here != 0) & (*below != 0);
+                }
+                let around = upright.iter().zip(upright.iter().skip(1)).zip(upright.iter().skip(2));
+                for (is_rim, ((left, here), right)) in is_rim.iter_mut().skip(1).zip(around) {
+                    *is_rim &= !(left & here & right);
+                }
+            }
+            for (chunk, start) in is_rim.chunks(CHUNK).zip((y * width + x0..).step_by(CHUNK)) {
+                if chunk.iter().fold(false, |any, is_rim| any | is_rim) {
+                    let found = (start..).zip(chunk).filter(|(_, is_rim)| **is_rim);
+                    rims.extend(found.map(|(index, _)| index));
+                }
             }
         }
         rims
@@ -245,25 +247,26 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         blobs: Labels::none(width * height),
         pieces: Labels::none(width * height),
     };
+    let shares: Vec<f32> = (0..=accumulation.frames.max(1)).map(|hits| hits as f32 / frames).collect();
     for row in mask.rows_seen() {
         for (index, hits) in row.clone().zip(&accumulation.hits[row]).filter(|(_, hits)| **hits > 0) {
-            mask.occupancy[index] = f32::from(*hits) / frames;
+            mask.occupancy[index] = shares[usize::from(*hits)];
             mask.depth_m[index] = accumulation.mean_m(index);
         }
     }
     bridge_gaps(&mut mask, params.bridge_px);
     let mut bodies = label_bodies(&mut mask, params.min_area_px);
     mask.depth_noise_m = depth_noise_m(&mask);
-    let mut pieces = label_pieces(&mut mask, &bodies, accumulation);
+    label_pieces(&mut mask, &bodies, accumulation);
     mask.hand = hand::find(&mask, accumulation.focal_px, &HandParams::default());
     if mask.has_hand() {
         mask.blobs = Labels::none(width * height);
         mask.pieces = Labels::none(width * height);
         bodies = label_bodies(&mut mask, params.min_area_px);
-        pieces = label_pieces(&mut mask, &bodies, accumulation);
+        label_pieces(&mut mask, &bodies, accumulation);
     }
-    mask.blobs.grow_fringes(&bodies, mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
-    mask.pieces.grow_fringes(&pieces, mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
+    mask.blobs.grow_fringes(mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
+    mask.pieces.grow_fringes(mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
     mask
 }
 
@@ -368,20 +371,21 @@ fn label_bodies(mask: &mut Mask, min_area_px: usize) -> Vec<Component> {
 /// Noise of the mean depth, metres: from the bend of depth over three neighbouring pixels, whose
 /// variance is 1.5 times that of one pixel. A surface's own curvature is far smaller.
 fn depth_noise_m(mask: &Mask) -> f32 {
-    let mut bends: Vec<f32> = Vec::new();
+    // The bits of numbers that are not negative rise with them, and are the faster to compare.
+    let mut bends: Vec<u32> = Vec::new();
     for row in mask.rows_seen() {
         let labels = mask.blobs.of[row.clone()].windows(3);
         let alike = labels
             .zip(mask.depth_m[row].windows(3))
             .filter(|(of, _)| of[1] != 0 && of[0] == of[1] && of[1] == of[2]);
-        bends.extend(alike.map(|(_, depth)| (depth[1] - 0.5 * (depth[0] + depth[2])).abs()));
+        bends.extend(alike.map(|(_, depth)| (depth[1] - 0.5 * (depth[0] + depth[2])).abs().to_bits()));
     }
     if bends.is_empty() {
         return 0.0;
     }
     let middle = bends.len() / 2;
-    let (_, median, _) = bends.select_nth_unstable_by(middle, f32::total_cmp);
-    *median / 0.6745 / 1.5_f32.sqrt()
+    let (_, median, _) = bends.select_nth_unstable(middle);
+    f32::from_bits(*median) / 0.6745 / 1.5_f32.sqrt()
 }
 
 /// Smallest step in depth that divides a blob, metres.
@@ -392,17 +396,19 @@ pub fn fine_step_m(noise_m: f32) -> f32 {
 /// Pieces smaller than this are the crumbs of an edge, pixels.
 const MIN_PIECE_PX: usize = 24;
 
-fn label_pieces(mask: &mut Mask, bodies: &[Component], accumulation: &Accumulation) -> Vec<Component> {
+fn label_pieces(mask: &mut Mask, bodies: &[Component], accumulation: &Accumulation) {
     let step = fine_step_m(mask.depth_noise_m);
     // A pixel that showed one surface in some frames and another in others has a mean between both.
     // It is farther from its mean than this many times what pixels mostly are.
     const MOST: f32 = 2.2;
     let on_blob = || bodies.iter().flat_map(Component::runs);
     let variances: Vec<f32> = on_blob().flatten().map(|index| accumulation.variance(index)).collect();
-    let mut typical: Vec<f32> = variances.iter().copied().filter(|variance| *variance > 0.0).collect();
+    // As in `depth_noise_m`.
+    let above_none = variances.iter().filter(|variance| **variance > 0.0);
+    let mut typical: Vec<u32> = above_none.map(|variance| variance.to_bits()).collect();
     let middle = typical.len() / 2;
     let limit = if mask.frames >= 4 && !typical.is_empty() {
-        MOST * MOST * *typical.select_nth_unstable_by(middle, f32::total_cmp).1
+        MOST * MOST * f32::from_bits(*typical.select_nth_unstable(middle).1)
     } else {
         f32::INFINITY
     };
@@ -428,7 +434,6 @@ fn label_pieces(mask: &mut Mask, bodies: &[Component], accumulation: &Accumulati
     let mut found = components::find(mask, clean, same);
     found.retain(|component| component.area_px() >= MIN_PIECE_PX);
     mask.pieces.number(&mut found, mask.width);
-    found
 }
 
 #[cfg(test)]

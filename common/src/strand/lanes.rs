@@ -30,6 +30,12 @@ impl Truths {
     fn and(self, other: Self) -> Self {
         Self(array::from_fn(|lane| self.0[lane] & other.0[lane]))
     }
+
+    /// Whether it holds for all of them.
+    #[inline]
+    fn all(self) -> bool {
+        self.0.into_iter().fold(u32::MAX, |all, holds| all & holds) == u32::MAX
+    }
 }
 
 impl Numbers {
@@ -111,12 +117,19 @@ impl Vectors {
     }
 
     /// Its unit vector, `fallback` where it has none.
-    #[inline]
+    #[inline(always)]
     pub(super) fn unit_or(self, fallback: Self) -> Self {
+        self.unit_or_else(|| fallback)
+    }
+
+    /// The same with a fallback that is reckoned out only if a strand needs it.
+    #[inline(always)]
+    pub(super) fn unit_or_else(self, fallback: impl FnOnce() -> Self) -> Self {
         let per_length = Numbers::all(1.0) / self.length();
         let finite = Numbers::all(f32::INFINITY).above(per_length);
-        let positive = per_length.above(Numbers::all(0.0));
-        (self * per_length).or_where_not(finite.and(positive), fallback)
+        let has_one = finite.and(per_length.above(Numbers::all(0.0)));
+        let unit = self * per_length;
+        if has_one.all() { unit } else { unit.or_where_not(has_one, fallback()) }
     }
 
     /// `self` where `holds`, else `other`.
