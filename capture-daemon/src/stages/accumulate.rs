@@ -205,10 +205,16 @@ impl Accumulation {
         bounds.unwrap_or([x0, y0, x0, y0])
     }
 
-    /// Mean depth of a pixel, metres; 0 where it was never within the window.
-    pub(super) fn mean_m(&self, index: usize) -> f32 {
-        let hits = f64::from(self.hits[index].max(1)) * f64::from(PARTS);
-        (f64::from(self.sum[index]) / hits * self.depth_unit_m) as f32
+    /// Mean depth of the pixels that were within the window in so many frames, metres over the sum of their
+    /// readings, by number of frames.
+    pub(super) fn means_m(&self) -> Vec<f64> {
+        let per_part_m = self.depth_unit_m / f64::from(PARTS);
+        (0..=self.frames).map(|hits| per_part_m / f64::from(hits.max(1))).collect()
+    }
+
+    /// Mean depth of a pixel, metres, by [`Self::means_m`]; 0 where it was never within the window.
+    pub(super) fn mean_m(&self, index: usize, means_m: &[f64]) -> f32 {
+        (f64::from(self.sum[index]) * means_m[usize::from(self.hits[index])]) as f32
     }
 
     /// Variance of a pixel's depth over the frames, in squares of [`PARTS`].

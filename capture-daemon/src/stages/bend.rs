@@ -133,7 +133,7 @@ struct Node {
 
 /// Nodes of a few sections each: angle, distance and weight.
 fn nodes(sections: impl Iterator<Item = (f64, f64, f64)>) -> Vec<Node> {
-    const TOGETHER: usize = 4;
+    const TOGETHER: usize = 8;
     let sections: Vec<_> = sections.collect();
     let together = sections.chunks(TOGETHER).map(|group| {
         let sum = |of: fn(&(f64, f64, f64)) -> f64| group.iter().map(of).sum::<f64>();
@@ -249,8 +249,8 @@ impl Curve {
 
     /// Goes on to an angle, or back, by the midpoint rule.
     fn step(&self, from: State, alpha: f64) -> State {
-        // About six pixels.
-        const LONGEST: f64 = 0.01;
+        // About eleven pixels.
+        const LONGEST: f64 = 0.02;
         let Self(DVec4 { y: steep, z: turning, w: more, .. }) = *self;
         let mut state = from;
         let count = ((alpha - from.alpha).abs() / LONGEST).ceil().max(1.0);

@@ -32,7 +32,7 @@ impl Default for AcceptParams {
 }
 
 /// Moments of a blade's motion in wind that its refinement looks at.
-pub const MOTION_FRAMES: usize = 12;
+pub const MOTION_FRAMES: usize = 8;
 /// A blade is at least this many times as long as it is wide.
 const MIN_ASPECT: f32 = 1.2;
 /// The midrib of a blade that was followed rightly lies on it but for gaps and what hides it.

@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 
-use super::mask::{Labels, Mask, Region};
+use super::mask::{Labels, Mask, Region, few};
 
 /// The outer border of one region.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,14 +75,13 @@ impl Grid<'_> {
         let pixels = start..start + self.columns - 2;
         let (of, occupancy) = (&self.labels.of[pixels.clone()], &self.mask.occupancy[pixels]);
         for ((inside, label), occupancy) in inside[1..].iter_mut().zip(of).zip(occupancy) {
-            *inside = *label == self.label && *occupancy >= LEVEL;
+            *inside = (*label == self.label) & (*occupancy >= LEVEL);
         }
     }
 
     /// For each edge the next one along the border, `u32::MAX` where the border does not pass; and the edges
     /// where it does, ascending.
     fn links(&self) -> (Vec<u32>, Vec<u32>) {
-        const CHUNK: usize = 16;
         let mut next = vec![u32::MAX; 2 * self.columns * self.rows];
         let mut upper = vec![false; self.columns];
         let mut lower = upper.clone();
@@ -96,12 +95,7 @@ impl Grid<'_> {
             for (mixed, ((a, b), (c, d))) in mixed.iter_mut().zip(nodes) {
                 *mixed = (a ^ b) | (a ^ c) | (a ^ d);
             }
-            let any = mixed
-                .chunks(CHUNK)
-                .zip((0..).step_by(CHUNK))
-                .filter(|(chunk, _)| chunk.iter().fold(false, |any, mixed| any | mixed));
-            let columns = any.flat_map(|(chunk, start)| (start..).zip(chunk));
-            for column in columns.filter_map(|(column, mixed)| mixed.then_some(column)) {
+            for column in few(&mixed) {
                 let case = [upper[column], upper[column + 1], lower[column + 1], lower[column]];
                 let top = self.edge(column, row, false);
                 let bottom = self.edge(column, row + 1, false);

@@ -75,7 +75,7 @@ impl Labels {
 
     /// Lets the regions grow into neighbours that are seldom occupied.
     fn grow_fringes(&mut self, width: usize, region: [usize; 4], occupancy: &[f32], depth_m: &[f32]) {
-        let mut front = self.rims(width, region);
+        let mut front = self.rims(width, region, occupancy);
         let mut next = 0;
         while next < front.len() {
             let index = front[next];
@@ -86,8 +86,7 @@ impl Labels {
                 if self.of[other] != 0 {
                     continue;
                 }
-                let seldom = (occupancy[other] >= FRINGE_OCCUPANCY) & (occupancy[other] < BODY_OCCUPANCY);
-                if seldom && agree(depth_m[index], depth_m[other]) {
+                if is_seldom(occupancy[other]) && agree(depth_m[index], depth_m[other]) {
                     self.of[other] = label;
                     let (x, y) = (other % width, other / width);
                     let bounds = &mut self.regions[usize::from(label) - 1].bounds;
@@ -98,39 +97,44 @@ impl Labels {
         }
     }
 
-    /// The pixels of regions that have a neighbour of none, or beyond `within`, row by row.
-    fn rims(&self, width: usize, within: [usize; 4]) -> Vec<usize> {
-        const CHUNK: usize = 16;
+    /// The pixels of regions that have a neighbour within `within` that is seldom occupied, row by row.
+    fn rims(&self, width: usize, within: [usize; 4], occupancy: &[f32]) -> Vec<usize> {
         let [x0, y0, x1, y1] = within;
-        let row = |y: usize| &self.of[y * width + x0..y * width + x1];
-        // Whether a pixel and both above and below are of a region; and those beside it too. Whole rows are
-        // told several pixels at a time.
-        let mut upright = vec![false; x1 - x0];
-        let mut is_rim = upright.clone();
+        // Whole rows are told several pixels at a time. Of each: whether it, the one above it or the one below
+        // it is seldom occupied; a margin to both sides is not.
+        let mut upright = vec![false; x1 - x0 + 2];
+        let mut is_rim = vec![false; x1 - x0];
         let mut rims = Vec::new();
         for y in y0..y1 {
-            for (is_rim, label) in is_rim.iter_mut().zip(row(y)) {
-                *is_rim = *label != 0;
+            let row = |y: usize| y * width + x0..y * width + x1;
+            upright.fill(false);
+            for near in y.saturating_sub(1).max(y0)..(y + 2).min(y1) {
+                let pixels = upright[1..].iter_mut().zip(&occupancy[row(near)]);
+                pixels.for_each(|(upright, occupancy)| *upright |= is_seldom(*occupancy));
             }
-            if y > y0 && y + 1 < y1 {
-                let labels = row(y - 1).iter().zip(row(y)).zip(row(y + 1));
-                for (upright, ((above, here), below)) in upright.iter_mut().zip(labels) {
-                    *upright = (*above != 0) & (*here != 0) & (*below != 0);
-                }
-                let around = upright.iter().zip(upright.iter().skip(1)).zip(upright.iter().skip(2));
-                for (is_rim, ((left, here), right)) in is_rim.iter_mut().skip(1).zip(around) {
-                    *is_rim &= !(left & here & right);
-                }
+            let around = upright.iter().zip(&upright[1..]).zip(&upright[2..]);
+            for ((is_rim, label), ((left, here), right)) in
+                is_rim.iter_mut().zip(&self.of[row(y)]).zip(around)
+            {
+                *is_rim = (*label != 0) & (left | here | right);
             }
-            for (chunk, start) in is_rim.chunks(CHUNK).zip((y * width + x0..).step_by(CHUNK)) {
-                if chunk.iter().fold(false, |any, is_rim| any | is_rim) {
-                    let found = (start..).zip(chunk).filter(|(_, is_rim)| **is_rim);
-                    rims.extend(found.map(|(index, _)| index));
-                }
-            }
+            rims.extend(few(&is_rim).map(|column| y * width + x0 + column));
         }
         rims
     }
+}
+
+/// Whether a pixel can only be of a fringe.
+fn is_seldom(occupancy: f32) -> bool {
+    (occupancy >= FRINGE_OCCUPANCY) & (occupancy < BODY_OCCUPANCY)
+}
+
+/// Where something holds, ascending: fast where that is seldom.
+pub(super) fn few(holds: &[bool]) -> impl Iterator<Item = usize> + '_ {
+    const CHUNK: usize = 16;
+    let chunks = holds.chunks(CHUNK).zip((0..).step_by(CHUNK));
+    let some = chunks.filter(|(chunk, _)| chunk.iter().fold(false, |any, holds| any | holds));
+    some.flat_map(|(chunk, start)| (start..).zip(chunk).filter_map(|(at, holds)| holds.then_some(at)))
 }
 
 /// The smallest bounding box of two, `[x0, y0, x1, y1]`, half open.
@@ -248,10 +252,11 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         pieces: Labels::none(width * height),
     };
     let shares: Vec<f32> = (0..=accumulation.frames.max(1)).map(|hits| hits as f32 / frames).collect();
+    let means_m = accumulation.means_m();
     for row in mask.rows_seen() {
         for (index, hits) in row.clone().zip(&accumulation.hits[row]).filter(|(_, hits)| **hits > 0) {
             mask.occupancy[index] = shares[usize::from(*hits)];
-            mask.depth_m[index] = accumulation.mean_m(index);
+            mask.depth_m[index] = accumulation.mean_m(index, &means_m);
         }
     }
     bridge_gaps(&mut mask, params.bridge_px);
@@ -293,11 +298,19 @@ fn bridge_gaps(mask: &mut Mask, longest: usize) {
     };
     // Where a gap begins, for each direction.
     let mut starts: [Vec<usize>; 4] = Default::default();
+    let mut begins = Vec::new();
     for row in mask.rows_seen() {
-        for (start, occupancy) in row.clone().zip(&mask.occupancy[row]) {
-            if *occupancy < BODY_OCCUPANCY {
-                continue;
+        begins.clear();
+        begins.extend(mask.occupancy[row.clone()].iter().map(|occupancy| *occupancy >= BODY_OCCUPANCY));
+        // What no gap can begin at is told several pixels at a time.
+        let below = mask.unseen.get(row.start + width - 1..row.end + width + 1);
+        if let Some((right, below)) = mask.unseen.get(row.start + 1..row.end + 1).zip(below) {
+            let below = below.iter().zip(&below[1..]).zip(&below[2..]);
+            for ((begins, right), ((a, b), c)) in begins.iter_mut().zip(right).zip(below) {
+                *begins &= right | a | b | c;
             }
+        }
+        for start in few(&begins).map(|column| row.start + column) {
             for (direction, starts) in directions.into_iter().zip(&mut starts) {
                 let next = start.wrapping_add_signed(direction.0 + direction.1 * width as isize);
                 if mask.unseen.get(next) == Some(&true) {

@@ -382,16 +382,24 @@ impl<'a> Course<'a> {
     }
 
     /// Whether a section lies on one of it at about the same depth.
-    fn has(&self, section: &Section, tolerance_m: f32) -> bool {
+    /// `guess`: one that may be it, and then is.
+    fn has(&self, section: &Section, tolerance_m: f32, guess: &mut usize) -> bool {
         let mid = section.expected.mid;
         if !(mid.cmpge(self.low).all() && mid.cmple(self.high).all()) {
             return false;
         }
+        let lies_on = |own: &Section, off: f32| {
+            let near = off < Self::reach_px(own);
+            near && (own.expected.depth_m - section.expected.depth_m).abs() < tolerance_m
+        };
+        if self.sections.get(*guess).is_some_and(|own| lies_on(own, own.expected.mid.distance(mid))) {
+            return true;
+        }
         let mut i = 0;
         while let Some(own) = self.sections.get(i) {
             let off = own.expected.mid.distance(mid);
-            let near = off < Self::reach_px(own);
-            if near && (own.expected.depth_m - section.expected.depth_m).abs() < tolerance_m {
+            if lies_on(own, off) {
+                *guess = i;
                 return true;
             }
             // So many more are too far off.
@@ -407,6 +415,7 @@ impl<'a> Course<'a> {
         }
         let tolerance_m = 3.0 * tolerance_m(mask);
         let clear = || other.sections.iter().filter(|section| section.edges_seen() > 0);
-        2 * clear().filter(|section| self.has(section, tolerance_m)).count() > clear().count()
+        let mut guess = 0;
+        2 * clear().filter(|section| self.has(section, tolerance_m, &mut guess)).count() > clear().count()
     }
 }

@@ -37,7 +37,7 @@ pub(super) fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
             depth_m,
             slope_m: 0.0,
             fold: Fold::default(),
-            tolerance_m: tolerance_m.max(0.004),
+            tolerance_m,
             search_px: 2.5 + 0.3 * half_px,
         };
         let slope_moments = slope_moments(mask, part.label, &expected);
