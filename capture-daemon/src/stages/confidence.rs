@@ -139,7 +139,7 @@ const LENGTH: [f32; FEATURES] = [
     0.485,  // ln pixels long
     -0.204, // ln frames
     0.466,  // ln depth noise over its usual value
-    0.793,  // root shared
+    0.863,  // root shared
     -0.606, // root lost
     -0.524, // tip shared or lost
     1.073,  // root blunt
