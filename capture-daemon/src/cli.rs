@@ -120,6 +120,41 @@ pub enum BladesVerb {
         #[command(flatten)]
         station: StationArgs,
     },
+    /// Write blades into a file for other programs: outlines as .svg, meshes as .glb
+    ///
+    /// An SVG shows them pressed flat, side by side and true to scale, to be redrawn and imported again; a
+    /// GLB (glTF 2.0) holds them as they hang, in metres.
+    ///
+    /// Example: sward-capture blades export blades.svg fern moss
+    Export {
+        /// The file, .svg or .glb; one that is there is replaced
+        file: PathBuf,
+        /// Names of the blades [default: all]
+        names: Vec<String>,
+        /// Which station.
+        #[command(flatten)]
+        station: StationArgs,
+    },
+    /// Put blades into the library that someone has drawn: outlines in an .svg, or a blade's own .toml
+    ///
+    /// Each closed path of a drawing is a blade, upright with its root at the bottom; an open path inside
+    /// whose id begins with `midrib` is its midrib. A blade takes the name of its path, or of the group around
+    /// it; one of that name is replaced, and `restore` goes back to it.
+    ///
+    /// Example: sward-capture blades import fern.svg --length-mm 180
+    Import {
+        /// The file, .svg or .toml
+        file: PathBuf,
+        /// Its name, where the file holds a single blade [default: as in the file]
+        #[arg(long)]
+        name: Option<String>,
+        /// Length of each midrib, millimetres, 1 to 10000 [default: as drawn]
+        #[arg(long, value_name = "MM", value_parser = length_mm)]
+        length_mm: Option<f32>,
+        /// Which station.
+        #[command(flatten)]
+        station: StationArgs,
+    },
     /// Set how often a blade stands in the meadow, relative to the others
     ///
     /// Example: sward-capture blades mix fern 2.5
@@ -226,6 +261,11 @@ pub struct RecoverArgs {
     pub recording: PathBuf,
     /// The MCAP file to write; nothing may be there yet
     pub out: PathBuf,
+}
+
+fn length_mm(text: &str) -> Result<f32, String> {
+    let length: f32 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    if (1.0..=10_000.0).contains(&length) { Ok(length) } else { Err("expected 1 to 10000".to_owned()) }
 }
 
 fn rate(text: &str) -> Result<f64, String> {

@@ -3,12 +3,13 @@
 use std::fmt::Write;
 use std::future::Future;
 use std::io::ErrorKind;
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context;
 use common::protocol::{
-    Blade, GetStatusReply, ListBladesReply, RefusedFile, ReloadReply, StationError, Status,
+    self, Blade, GetStatusReply, ListBladesReply, RefusedFile, ReloadReply, StationError, Status,
 };
 use common::sentence::print;
 use serde::Serialize;
@@ -21,8 +22,16 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// How a closed connection shows when it is written to.
 const HANGUPS: [ErrorKind; 2] = [ErrorKind::BrokenPipe, ErrorKind::ConnectionReset];
 
+mod files;
+
 #[zlink::proxy("io.sward.Station")]
 trait StationProxy {
+    #[zlink(return_fds)]
+    async fn get_library(
+        &mut self,
+        after: i64,
+    ) -> zlink::Result<(Result<protocol::Library, StationError>, Vec<OwnedFd>)>;
+    async fn put_blade(&mut self, name: &str, text: &str) -> zlink::Result<Result<(), StationError>>;
     async fn get_status(&mut self) -> zlink::Result<Result<GetStatusReply, StationError>>;
     async fn list_blades(&mut self) -> zlink::Result<Result<ListBladesReply, StationError>>;
     async fn reload(&mut self) -> zlink::Result<Result<ReloadReply, StationError>>;
@@ -77,6 +86,14 @@ pub enum ClientError {
         /// What is odd.
         reason: String,
     },
+    /// A file that was named is not what is needed.
+    #[error("{file}: {reason}")]
+    BadFile {
+        /// The file.
+        file: String,
+        /// What is wrong, and what was expected.
+        reason: String,
+    },
     /// It answers with an error.
     #[error("{0}")]
     Refused(StationError),
@@ -86,7 +103,9 @@ impl ClientError {
     /// Whether it is for what was typed, rather than for the station.
     pub fn is_bad_argument(&self) -> bool {
         use StationError::{InvalidConfig, InvalidMix, InvalidName};
-        matches!(self, Self::Refused(InvalidConfig { .. } | InvalidMix { .. } | InvalidName { .. }))
+        let refused =
+            matches!(self, Self::Refused(InvalidConfig { .. } | InvalidMix { .. } | InvalidName { .. }));
+        refused || matches!(self, Self::BadFile { .. })
     }
 }
 
@@ -210,6 +229,10 @@ pub fn blades(verb: &BladesVerb) -> anyhow::Result<()> {
         }
         BladesVerb::Restore { name, station } => {
             change(station, async |station| station.restore_blade(name).await)
+        }
+        BladesVerb::Export { file, names, station } => files::export(file, names, station),
+        BladesVerb::Import { file, name, length_mm, station } => {
+            files::import(file, name.as_deref(), *length_mm, station)
         }
         BladesVerb::Mix { name, weight, station } => {
             if !(weight.is_finite() && *weight >= 0.0) {

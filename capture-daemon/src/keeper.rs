@@ -41,6 +41,18 @@ pub(crate) enum Order {
     Restore { name: String },
     /// Set its weight.
     SetMix { name: String, mix: f64 },
+    /// Put the blade of a file's text there, instead of one of that name.
+    Put { name: String, text: BladeText },
+}
+
+/// The text of a blade's file; a log shows only how long it is.
+#[derive(Clone, PartialEq, Eq)]
+pub(crate) struct BladeText(pub(crate) String);
+
+impl std::fmt::Debug for BladeText {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} bytes", self.0.len())
+    }
 }
 
 /// How an order went.
@@ -263,6 +275,7 @@ impl Keeper {
             Order::Rename { name, new_name } => self.store.rename(name, new_name),
             Order::Restore { name } => self.store.restore(name),
             Order::SetMix { name, mix } => self.store.set_mix(name, *mix),
+            Order::Put { name, text } => self.store.put_text(name, &text.0),
         };
         match &done {
             Ok(()) => {

@@ -275,7 +275,11 @@ mod tests {
         ] {
             known.insert(format!("method{call}->{}", bare(&reply.to_string())));
         }
-        for call in ["SetMix(name:string,mix:float)", "RenameBlade(name:string,new_name:string)"] {
+        for call in [
+            "SetMix(name:string,mix:float)",
+            "RenameBlade(name:string,new_name:string)",
+            "PutBlade(name:string,text:string)",
+        ] {
             known.insert(format!("method{call}->()"));
         }
         for name in ["RemoveBlade", "RestoreBlade"] {

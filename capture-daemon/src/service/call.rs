@@ -3,7 +3,7 @@
 use common::protocol::StationError;
 use serde_json::{Map, Value, json};
 
-use crate::keeper::Order;
+use crate::keeper::{BladeText, Order};
 
 /// A call that is well formed.
 #[derive(Clone, Debug, PartialEq)]
@@ -147,6 +147,10 @@ impl Call {
                 name: parameters.text("name")?,
                 new_name: parameters.text("new_name")?,
             }),
+            "io.sward.Station.PutBlade" => Self::Order(Order::Put {
+                name: parameters.text("name")?,
+                text: BladeText(parameters.text("text")?),
+            }),
             "io.sward.Station.RemoveBlade" => Self::Order(Order::Remove { name: parameters.text("name")? }),
             "io.sward.Station.RestoreBlade" => Self::Order(Order::Restore { name: parameters.text("name")? }),
             _ => return Err(CallError::MethodNotFound { method: echo(method) }),
@@ -223,6 +227,11 @@ mod tests {
                 "RenameBlade",
                 r#"{"name":"fern","new_name":"moss"}"#,
                 Call::Order(Order::Rename { name: name(), new_name: new_name() }),
+            ),
+            (
+                "PutBlade",
+                r#"{"name":"fern","text":"format = 1"}"#,
+                Call::Order(Order::Put { name: name(), text: BladeText("format = 1".to_owned()) }),
             ),
             ("RemoveBlade", r#"{"name":"fern"}"#, Call::Order(Order::Remove { name: name() })),
             ("RestoreBlade", r#"{"name":"fern"}"#, Call::Order(Order::Restore { name: name() })),

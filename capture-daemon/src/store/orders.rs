@@ -1,4 +1,4 @@
-//! What people order of the store: remove, rename, set the mix, go back.
+//! What people order of the store: put, remove, rename, set the mix, go back.
 
 use std::io;
 
@@ -117,6 +117,33 @@ impl Store {
         let modified = std::fs::metadata(&path).and_then(|metadata| metadata.modified()).ok();
         write_as_of(&self.blades_folder(), &format!("{name}{SUFFIX}"), text.as_bytes(), modified)
             .map_err(|source| disk(&path, source))?;
+        self.take_up(name)
+    }
+
+    /// Puts the blade of a file's text into the library, under a name. A blade that has it goes to the
+    /// history; else the oldest one that is not pinned makes room.
+    ///
+    /// # Errors
+    /// When the name or the text is no blade's, another blade has its id, or the disk refuses.
+    pub(crate) fn put_text(&mut self, name: &str, text: &str) -> Result<(), StoreError> {
+        check_name(name).map_err(StoreError::Name)?;
+        let refused = |error| StoreError::Refused { reason: format!("{name}:{error}") };
+        let id = Record::parse(name, text, 0).map_err(refused)?.blade.id();
+        if let Some(other) = self.ids.get(&id).filter(|other| *other != name) {
+            return Err(StoreError::Taken(other.clone()));
+        }
+        if self.live.contains_key(name) {
+            self.remember(name)?;
+        } else if let Some(oldest) = self.surplus_after(1)? {
+            self.archive_blade(&oldest)?;
+        }
+        if self.refused.contains_key(name) {
+            self.discard_refused(name)?;
+        }
+        write_atomically(&self.blades_folder(), &format!("{name}{SUFFIX}"), text.as_bytes())
+            .map_err(|source| disk(&self.path(name), source))?;
+        self.forget(name);
+        self.removed.remove(&id);
         self.take_up(name)
     }
 

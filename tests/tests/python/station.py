@@ -41,6 +41,13 @@ def main():
         assert call("ListBlades")["blades"] == []
         call("RestoreBlade", name="moss")
         assert call("GetLibrary", after=library["generation"])["generation"] > library["generation"]
+        text = "format = 1\nknots = [\n"
+        for y in (0.0, 0.1, 0.2):
+            text += f"  {{ position_m = [0.0, {y}, 0.0], half_width_m = [0.004, 0.003] }},\n"
+        call("PutBlade", name="drawn", text=text + "]\n")
+        assert "drawn" in [blade["name"] for blade in call("ListBlades")["blades"]]
+        refused("io.sward.Station.FileRefused", station.PutBlade, name="drawn", text="format = 1\nknots = 7\n")
+        refused("io.sward.Station.InvalidName", station.PutBlade, name="a/b", text=text + "]\n")
         assert call("Reload") == {"changed": [], "restart": []}
         refused("io.sward.Station.NoSuchBlade", station.RemoveBlade, name="heather")
         refused("io.sward.Station.NameTaken", station.RenameBlade, name="moss", new_name="moss")
@@ -52,7 +59,7 @@ def main():
                 assert error.error() == "io.sward.Station.NothingHeld", error
         assert len(names) > 0
         assert methods <= called, methods - called
-        assert len(called) == 9, called
+        assert len(called) == 10, called
 
 
 main()

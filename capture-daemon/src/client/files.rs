@@ -1,0 +1,126 @@
+//! `blades export` and `blades import`.
+
+use std::io::Write;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::{Context, bail};
+use common::blade::Blade;
+use common::library::Snapshot;
+use common::protocol::{MAX_SNAPSHOT_BYTES, StationError};
+use common::sealed::SealedBytes;
+
+use super::{ClientError, Station, StationProxy};
+use crate::cli::StationArgs;
+use crate::exchange::svg_import::{self, ImportParams};
+use crate::exchange::{glb, svg_export};
+use crate::store::record::{Provenance, Record};
+
+/// What a file is, by the end of its name.
+fn kind(file: &Path) -> Option<String> {
+    Some(file.extension()?.to_str()?.to_ascii_lowercase())
+}
+
+/// Writes blades of the library into a file; no names: all.
+pub(super) fn export(file: &Path, names: &[String], args: &StationArgs) -> anyhow::Result<()> {
+    let kind = kind(file).filter(|kind| ["svg", "glb"].contains(&kind.as_str()));
+    let Some(kind) = kind else {
+        let reason =
+            "its name does not say what it is to be; expected one that ends with .svg or .glb".into();
+        return Err(ClientError::BadFile { file: file.display().to_string(), reason }.into());
+    };
+    let library = library(args)?;
+    let missing = names.iter().find(|name| !library.iter().any(|blade| blade.name() == *name));
+    if let Some(name) = missing {
+        return Err(ClientError::Refused(StationError::NoSuchBlade { name: name.clone() }).into());
+    }
+    let chosen = |blade: &&Blade| names.is_empty() || names.iter().any(|name| name == blade.name());
+    let blades: Vec<&Blade> = library.iter().filter(chosen).collect();
+    let bytes = match kind.as_str() {
+        "svg" => svg_export::write(&blades).into_bytes(),
+        _ => glb::write(&blades).context("the mesh cannot be written")?,
+    };
+    // Whole, or not at all.
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let written = tempfile::Builder::new().prefix(".sward-").tempfile_in(folder).and_then(|mut temporary| {
+        temporary.write_all(&bytes)?;
+        temporary.persist(file)?;
+        Ok(())
+    });
+    written
+        .with_context(|| format!("{}: it cannot be written; check the folder and the disk", file.display()))
+}
+
+/// The blades of the library.
+fn library(args: &StationArgs) -> anyhow::Result<Vec<Blade>> {
+    let mut station = Station::connect(args)?;
+    if station.call(async |station| station.list_blades().await)?.blades.is_empty() {
+        bail!("the library is empty; there is nothing to export");
+    }
+    let (reply, descriptors) = station.call(async |station| {
+        let (reply, descriptors) = station.get_library(0).await?;
+        Ok(reply.map(|reply| (reply, descriptors)))
+    })?;
+    let descriptor = usize::try_from(reply.fd).ok().and_then(|index| descriptors.get(index));
+    let descriptor = descriptor.context("the station sent a library without its descriptor")?;
+    let bytes = SealedBytes::map(descriptor, MAX_SNAPSHOT_BYTES).context("the library cannot be read")?;
+    let snapshot = Snapshot::validate(bytes).context("the library is not valid")?;
+    let blade = |view: common::library::BladeView<'_>| {
+        let size = [view.length_m(), view.max_width_m()];
+        Blade::new(view.id(), view.name(), view.knots(), size, view.captured_unix_ns(), view.quality())
+    };
+    Ok(snapshot.blades().map(blade).collect::<Result<_, _>>()?)
+}
+
+/// Puts the blades of a file into the library.
+pub(super) fn import(
+    file: &Path,
+    name: Option<&str>,
+    length_mm: Option<f32>,
+    args: &StationArgs,
+) -> anyhow::Result<()> {
+    let shown = file.display().to_string();
+    let bad = |reason: String| ClientError::BadFile { file: shown.clone(), reason };
+    let kind = kind(file).unwrap_or_default();
+    if kind != "svg" && kind != "toml" {
+        let reason = "its name does not say what it is; expected one that ends with .svg or .toml";
+        return Err(bad(reason.into()).into());
+    }
+    let text =
+        std::fs::read(file).map_err(|error| bad(format!("{error}; expected a file that can be read")))?;
+    let blades: Vec<(String, String)> = if kind == "svg" {
+        let unix_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_nanos() as u64);
+        let length_m = length_mm.map(|mm| mm * 1e-3);
+        let params = ImportParams { length_m, unix_ns, ..ImportParams::default() };
+        let drawn = svg_import::read(&text, &params).map_err(|error| bad(error.to_string()))?;
+        let file_of = |blade: Blade| (fit_for_a_file(blade.name()), record(blade, &shown).to_toml());
+        drawn.into_iter().map(file_of).collect()
+    } else if length_mm.is_some() {
+        return Err(bad("a blade's own file has its length; --length-mm is for drawings".into()).into());
+    } else {
+        let text = String::from_utf8(text).map_err(|_| {
+            bad("it is not UTF-8; expected the file of a blade, as the store has them".into())
+        })?;
+        let stem = file.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
+        vec![(stem.to_owned(), text)]
+    };
+    if name.is_some() && blades.len() != 1 {
+        return Err(bad(format!("it holds {} blades; --name is for a single one", blades.len())).into());
+    }
+    let mut station = Station::connect(args)?;
+    for (own, text) in &blades {
+        let name = name.unwrap_or(own);
+        station.call(async |station| station.put_blade(name, text).await)?;
+    }
+    Ok(())
+}
+
+fn record(blade: Blade, source: &str) -> Record {
+    let provenance = Provenance { source: Some(source.to_owned()), ..Provenance::default() };
+    Record { blade, pinned: false, sequence: None, measured: None, provenance }
+}
+
+/// A path's name as that of a file.
+fn fit_for_a_file(name: &str) -> String {
+    name.replace('/', "-").trim_start_matches('.').trim().to_owned()
+}

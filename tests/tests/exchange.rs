@@ -1,0 +1,89 @@
+//! Can an artist take blades out of a running station, redraw them, and put them back?
+
+use std::fs;
+
+use tests::daemon::Daemon;
+
+/// A blade drawn in millimetres, `half` wide to both sides of x, 100 long.
+fn drawing(id: &str, half: f32) -> String {
+    format!(
+        "<svg xmlns='http://www.w3.org/2000/svg' width='100mm' height='120mm' viewBox='0 0 100 120'>\
+         <path id='{id}' d='M50 110 C {} 80 {} 40 50 10 C {} 40 {} 80 50 110 Z'/></svg>",
+        50.0 + half,
+        50.0 + half,
+        50.0 - half,
+        50.0 - half,
+    )
+}
+
+#[test]
+fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
+    // Nothing but what is put there: the recording shows nothing within its window.
+    let daemon = Daemon::start(&[("mask.near_m", "0.1".into()), ("mask.far_m", "0.11".into())]);
+    let file = |name: &str| daemon.folder().join(name).display().to_string();
+    let run = |arguments: &[&str]| daemon.client(&[&["blades"], arguments].concat());
+    let done = |arguments: &[&str]| {
+        let finished = run(arguments);
+        assert_eq!(finished.code, Some(0), "{arguments:?}: {finished:?}");
+        finished.stdout
+    };
+    let width_mm = |name: &str| -> f64 {
+        let shown: serde_json::Value = serde_json::from_str(&done(&["show", name, "--json"])).expect("JSON");
+        shown["max_width_m"].as_f64().expect("a number") * 1e3
+    };
+
+    let empty = run(&["export", &file("none.svg")]);
+    assert_eq!(empty.code, Some(1), "{empty:?}");
+    assert!(!daemon.folder().join("none.svg").exists());
+
+    fs::write(file("fern.svg"), drawing("fern", 6.0)).expect("room");
+    done(&["import", &file("fern.svg")]);
+    // A cubic with both handles 6 mm aside reaches three quarters of that.
+    assert!((width_mm("fern") - 9.0).abs() < 0.2, "{} mm", width_mm("fern"));
+
+    done(&["export", &file("out.svg"), "fern"]);
+    done(&["export", &file("out.glb")]);
+    assert!(fs::read_to_string(file("out.svg")).expect("written").contains("id=\"fern\""));
+    assert_eq!(&fs::read(file("out.glb")).expect("written")[..4], b"glTF");
+
+    // What was exported comes back as what it was, over itself; so does another drawing of that name.
+    done(&["import", &file("out.svg")]);
+    assert!((width_mm("fern") - 9.0).abs() < 0.3, "{} mm", width_mm("fern"));
+    fs::write(file("fern.svg"), drawing("fern", 12.0)).expect("room");
+    done(&["import", &file("fern.svg"), "--length-mm", "50"]);
+    assert!((width_mm("fern") - 9.0).abs() < 0.2, "twice as wide and half as long: {} mm", width_mm("fern"));
+    done(&["import", &file("fern.svg")]);
+    assert!((width_mm("fern") - 18.0).abs() < 0.4, "{} mm", width_mm("fern"));
+    done(&["restore", "fern"]);
+    assert!((width_mm("fern") - 9.0).abs() < 0.2, "{} mm", width_mm("fern"));
+
+    let own = daemon.blades().join("fern.toml").display().to_string();
+    fs::copy(own, file("moss.toml")).expect("room");
+    let twice = run(&["import", &file("moss.toml")]);
+    assert_eq!(twice.code, Some(1), "the same id under another name: {twice:?}");
+    let text = fs::read_to_string(file("moss.toml")).expect("there");
+    let without_id: Vec<&str> = text.lines().filter(|line| !line.starts_with("id ")).collect();
+    fs::write(file("moss.toml"), without_id.join("\n")).expect("room");
+    done(&["import", &file("moss.toml"), "--name", "lichen"]);
+    assert!((width_mm("lichen") - width_mm("fern")).abs() < 1e-6);
+
+    fs::write(file("text.svg"), "<svg xmlns='http://www.w3.org/2000/svg'><text>no</text></svg>")
+        .expect("room");
+    fs::write(file("bad.toml"), "format = 1\nknots = 7\n").expect("room");
+    for (arguments, code, words) in [
+        (vec!["import", "/nowhere.svg"], 2, "/nowhere.svg"),
+        (vec!["import", "fern.png"], 2, ".svg or .toml"),
+        (vec!["export", "fern.png"], 2, ".svg or .glb"),
+        (vec!["export", "/nowhere/fern.svg"], 1, "/nowhere/fern.svg"),
+        (vec!["export", &file("out.svg"), "heather"], 1, "heather"),
+        (vec!["import", &file("text.svg")], 2, "closed path"),
+        (vec!["import", &file("bad.toml")], 1, "bad:2"),
+        (vec!["import", &file("fern.svg"), "--name", "a/b"], 2, "slash"),
+        (vec!["import", &file("fern.svg"), "--length-mm", "0"], 2, "1 to 10000"),
+        (vec!["import", &file("moss.toml"), "--length-mm", "9"], 2, "--length-mm"),
+    ] {
+        let refused = run(&arguments);
+        assert_eq!(refused.code, Some(code), "{arguments:?}: {refused:?}");
+        assert!(refused.stderr.contains(words), "{arguments:?}: {refused:?}");
+    }
+}
