@@ -126,7 +126,7 @@ impl Labels {
 
 /// Whether a pixel can only be of a fringe.
 fn is_seldom(occupancy: f32) -> bool {
-    (occupancy >= FRINGE_OCCUPANCY) & (occupancy < BODY_OCCUPANCY)
+    (FRINGE_OCCUPANCY..BODY_OCCUPANCY).contains(&occupancy)
 }
 
 /// Where something holds, ascending: fast where that is seldom.
