@@ -217,9 +217,10 @@ fn a_socket_that_is_passed_outlives_the_station() {
     let folder = daemon.kill();
     let meanwhile = [asks(), asks()];
     let daemon = start(folder);
-    meanwhile.map(is_answered);
+    meanwhile.into_iter().for_each(is_answered);
     assert_eq!(mode(), 0o604);
-    assert_eq!(daemon.end().1.code, Some(0));
+    let (_folder, finished) = daemon.end();
+    assert_eq!(finished.code, Some(0), "{finished:?}");
     assert!(path.exists(), "systemd's file is left alone");
 }
 
