@@ -1,6 +1,7 @@
 //! The verb `run`: frames on one thread, the store on another, the service here; and how they begin,
 //! take another configuration, and end.
 
+use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
@@ -17,7 +18,7 @@ use crate::cli::ConfigArgs;
 use crate::config::{self, Config};
 use crate::frames::{self, FrameOrder, Frames, open_source};
 use crate::keeper::{self, Announcements, Holdings, Job, Keeper, Outcome};
-use crate::service::{Access, ReloadOrder, Service, Socket};
+use crate::service::{Access, ReloadOrder, Service, Socket, passed_socket};
 use crate::store::Store;
 
 /// Where blades are kept when nothing says otherwise.
@@ -32,11 +33,12 @@ const STATUS_EVERY: Duration = Duration::from_secs(2);
 /// be the sensor and cannot be opened.
 pub fn run(args: &ConfigArgs) -> anyhow::Result<()> {
     let config = config::load(args.config.as_deref(), &args.sets)?;
+    let passed = passed_socket()?;
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .context("the service's runtime cannot be started")?;
-    tokio::task::LocalSet::new().block_on(&runtime, serve(args, config))
+    tokio::task::LocalSet::new().block_on(&runtime, serve(args, config, passed))
 }
 
 fn heed(kind: SignalKind, name: &str) -> anyhow::Result<Signal> {
@@ -85,11 +87,11 @@ impl Worker {
     }
 }
 
-async fn serve(args: &ConfigArgs, config: Config) -> anyhow::Result<()> {
+async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) -> anyhow::Result<()> {
     let mut ends = EndSignals::new()?;
     let mut hang_up = heed(SignalKind::hangup(), "SIGHUP")?;
     let source = open_source(&config)?;
-    let socket = Socket::bind(&config.service.socket, config.service.socket_mode).await?;
+    let socket = listen(passed, &config).await?;
     let store = open_store(&config).await?;
 
     let (library, library_seen) = watch::channel(None);
@@ -120,7 +122,7 @@ async fn serve(args: &ConfigArgs, config: Config) -> anyhow::Result<()> {
     };
     let overview = service.clone();
     let limit = config.service.max_connections;
-    let shown = config.service.socket.display().to_string();
+    let shown = socket.path().display().to_string();
     tracing::info!(
         socket = shown,
         source = overview.status().source,
@@ -175,6 +177,22 @@ async fn serve(args: &ConfigArgs, config: Config) -> anyhow::Result<()> {
     }
     anyhow::ensure!(frames && keeper, "a thread panicked; see the log above");
     Ok(())
+}
+
+async fn listen(passed: Option<UnixListener>, config: &Config) -> anyhow::Result<Socket> {
+    let wanted = &config.service.socket;
+    let Some(passed) = passed else {
+        return Ok(Socket::bind(wanted, config.service.socket_mode).await?);
+    };
+    let socket = Socket::of_passed(passed)?;
+    if socket.path() != wanted {
+        tracing::warn!(
+            passed = %socket.path().display(),
+            configured = %wanted.display(),
+            "systemd passes another socket than service.socket, where status, reload and blades will look for it"
+        );
+    }
+    Ok(socket)
 }
 
 async fn open_store(config: &Config) -> anyhow::Result<Store> {

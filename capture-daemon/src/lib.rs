@@ -9,6 +9,7 @@ pub mod explain;
 pub mod frame;
 mod frames;
 mod keeper;
+pub mod logging;
 pub mod pipeline;
 pub mod recording;
 pub mod replay;

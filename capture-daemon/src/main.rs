@@ -1,12 +1,11 @@
 //! `sward-capture`: the capture station.
 
-use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use capture_daemon::cli::{Cli, ConfigArgs, Verb};
 use capture_daemon::client::ClientError;
 use capture_daemon::config::{self, Config, ConfigError};
-use capture_daemon::{client, daemon, recording, replay, synth};
+use capture_daemon::{client, daemon, logging, recording, replay, synth};
 use clap::Parser;
 use clap::error::ErrorKind;
 use common::sentence::{complain, of_causes, of_paragraphs, print};
@@ -25,7 +24,7 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return refuse_arguments(&error),
     };
-    log_to_stderr();
+    logging::start();
     match perform(&cli.verb) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -108,15 +107,4 @@ fn refuse_arguments(error: &clap::Error) -> ExitCode {
             ExitCode::from(BAD_ARGUMENTS)
         }
     }
-}
-
-fn log_to_stderr() {
-    let filter = tracing_subscriber::EnvFilter::try_from_env("SWARD_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_writer(std::io::stderr)
-        .with_target(false)
-        .init();
 }

@@ -24,7 +24,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 
 pub(crate) use access::{Access, Peer};
 pub(crate) use published::Published;
-pub(crate) use socket::Socket;
+pub(crate) use socket::{Socket, passed_socket};
 
 use crate::frames::FrameOrder;
 use crate::keeper::{Holdings, Job, Order, Outcome};

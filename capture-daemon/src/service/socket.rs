@@ -1,15 +1,19 @@
-//! The Unix socket: bound once, its mode set, its file removed at the end.
+//! The Unix socket: bound once, its mode set, its file removed at the end; or one that systemd made, whose mode and
+//! file are systemd's.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::io;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::os::unix::net::UnixListener as PassedListener;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
+use listenfd::ListenFd;
+use rustix::net::sockopt::socket_acceptconn;
 use tokio::net::{UnixListener, UnixStream};
 use zlink::connection::socket::FetchPeerCredentials;
 
@@ -36,24 +40,74 @@ pub(crate) enum BindError {
         /// What the system said.
         source: io::Error,
     },
+    /// What systemd passes is something else.
+    #[error(
+        "the environment says that sockets were passed (LISTEN_FDS), expected one Unix stream socket that listens, found {found}; see systemd/sward-capture.socket"
+    )]
+    Passed {
+        /// What it is.
+        found: String,
+    },
 }
 
-/// The socket while it is listened on; its file goes when it is dropped.
+/// The socket that systemd passes to this process, if it does (`sd_listen_fds(3)`). It is taken out of the
+/// environment with that: to be asked once, before there are threads.
+///
+/// # Errors
+/// When it is not one Unix stream socket that listens.
+pub(crate) fn passed_socket() -> Result<Option<PassedListener>, BindError> {
+    let refused = |found: String| BindError::Passed { found };
+    let mut passed = ListenFd::from_env();
+    if passed.len() > 1 {
+        return Err(refused(format!("{} of them", passed.len())));
+    }
+    let listener = passed.take_unix_listener(0).map_err(|error| refused(format!("that {error}")))?;
+    if let Some(listener) = &listener
+        && !socket_acceptconn(listener).map_err(|error| refused(format!("that {error}")))?
+    {
+        return Err(refused("one that does not listen, as with Accept=yes".to_owned()));
+    }
+    Ok(listener)
+}
+
+/// The socket while it is listened on; the file that it made goes when it is dropped.
 #[derive(Debug)]
 pub(crate) struct Socket {
     listener: UnixListener,
     path: PathBuf,
+    /// Whether it stays where it is for the next station.
+    is_passed: bool,
 }
 
 impl Drop for Socket {
     fn drop(&mut self) {
-        if let Err(error) = std::fs::remove_file(&self.path) {
+        if !self.is_passed
+            && let Err(error) = std::fs::remove_file(&self.path)
+        {
             tracing::debug!(%error, "the socket's file is gone already");
         }
     }
 }
 
 impl Socket {
+    /// Listens on what systemd passed. Who connected before is served, too.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub(crate) fn of_passed(passed: PassedListener) -> Result<Self, BindError> {
+        let refused = |error: io::Error| BindError::Passed { found: format!("that {error}") };
+        let address = passed.local_addr().map_err(refused)?;
+        let path = address.as_pathname().map(Path::to_path_buf).unwrap_or_default();
+        // Whoever made it shares this with us, and may have set it otherwise.
+        passed.set_nonblocking(true).map_err(refused)?;
+        Ok(Self { listener: UnixListener::from_std(passed).map_err(refused)?, path, is_passed: true })
+    }
+
+    /// Where it is; empty for one that has no name in the file system.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Listens on `path`, whose file gets this `mode`. A socket that nobody answers on is left over from
     /// a station that was killed, and is replaced.
     ///
@@ -73,7 +127,7 @@ impl Socket {
             Err(_) => {}
         }
         let listener = UnixListener::bind(path).map_err(refused)?;
-        let socket = Self { listener, path: path.to_path_buf() };
+        let socket = Self { listener, path: path.to_path_buf(), is_passed: false };
         // Whoever slips in before this is still asked for his credentials.
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).map_err(refused)?;
         Ok(socket)
