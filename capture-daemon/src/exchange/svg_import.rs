@@ -303,6 +303,9 @@ fn centred(outline: &Outline, mids: &[Vec2]) -> Vec<Vec2> {
     const WINDOW: usize = 4;
     let n = mids.len();
     let middle = |k: usize| {
+        if k == 0 || k + 1 == n {
+            return mids[k];
+        }
         let along = (mids[(k + WINDOW).min(n - 1)] - mids[k.saturating_sub(WINDOW)]).normalize_or(Vec2::Y);
         let reach = |way: Vec2| outline.reach(mids[k], way).filter(|_| outline.contains(mids[k]));
         let across = Vec2::new(along.y, -along.x);
@@ -312,10 +315,10 @@ fn centred(outline: &Outline, mids: &[Vec2]) -> Vec<Vec2> {
     (0..n).map(middle).collect()
 }
 
-/// Carries both ends of a midrib straight on to the outline, instead of what leans into a corner there.
+/// Carries both ends of a midrib on to the outline as it bends before, instead of what leans into a corner there.
 fn to_the_ends(outline: &Outline, mut mids: Vec<Vec2>) -> Vec<Vec2> {
-    let length = polyline::length(&mids);
-    let step = length / mids.len() as f32;
+    let step = polyline::length(&mids) / mids.len() as f32;
+    let longest = mids.len() / 3;
     for _ in 0..2 {
         mids.reverse();
         let inner = mids.len() * 9 / 10;
@@ -324,10 +327,30 @@ fn to_the_ends(outline: &Outline, mut mids: Vec<Vec2>) -> Vec<Vec2> {
         let width = reach(along.perp()) + reach(-along.perp());
         let doubtful = ((0.8 * width / step) as usize).clamp(2, mids.len() / 6);
         mids.truncate(mids.len() - doubtful);
-        let last = mids[mids.len() - 1];
-        let ahead = (last - mids[mids.len() - 1 - doubtful]).normalize_or(along);
-        if let Some(more) = outline.reach(last, ahead).filter(|more| *more < 0.3 * length) {
-            mids.push(last + ahead * more);
+
+        let trusted = mids.len();
+        let (last, stretch) = (trusted - 1, trusted / 8);
+        let chord = |from: usize| (mids[from + stretch] - mids[from]).normalize_or(along);
+        let (before, after) = (chord(last - 2 * stretch), chord(last - stretch));
+        let turn = before.angle_to(after) / stretch as f32;
+        let mut ahead = Vec2::from_angle(0.5 * turn * stretch as f32).rotate(after);
+        for _ in 0..longest {
+            ahead = Vec2::from_angle(turn).rotate(ahead);
+            let last = mids[mids.len() - 1];
+            let left = outline.reach(last, ahead).filter(|left| *left < step);
+            mids.push(last + ahead * left.unwrap_or(step));
+            if left.is_some() {
+                break;
+            }
+        }
+        // It may pass beside a point that lies farther ahead.
+        let end = mids[mids.len() - 1];
+        let off = |point: &Vec2| ((*point - end).dot(ahead), (*point - end).dot(ahead.perp()).abs());
+        let near = outline.points.iter().filter(|point| point.distance(end) < 0.6 * width);
+        let point = near.max_by(|a, b| off(a).0.total_cmp(&off(b).0));
+        if let Some(point) = point.filter(|point| off(point).0 > 0.7 * off(point).1) {
+            mids.truncate(trusted);
+            mids.push(*point);
         }
     }
     polyline::resample(&mids, STATIONS)
