@@ -132,16 +132,24 @@ impl Store {
         if let Some(other) = self.ids.get(&id).filter(|other| *other != name) {
             return Err(StoreError::Taken(other.clone()));
         }
-        if self.live.contains_key(name) {
+        let is_live = self.live.contains_key(name);
+        let oldest = if is_live { None } else { self.surplus_after(1)? };
+        if is_live {
             self.remember(name)?;
-        } else if let Some(oldest) = self.surplus_after(1)? {
-            self.archive_blade(&oldest)?;
         }
         if self.refused.contains_key(name) {
             self.discard_refused(name)?;
         }
+        let path = self.path(name);
         write_atomically(&self.blades_folder(), &format!("{name}{SUFFIX}"), text.as_bytes())
-            .map_err(|source| disk(&self.path(name), source))?;
+            .map_err(|source| disk(&path, source))?;
+        // Nobody makes room for what is not on disk.
+        if let Some(oldest) = oldest
+            && let Err(error) = self.archive_blade(&oldest)
+        {
+            std::fs::remove_file(&path).map_err(|source| disk(&path, source))?;
+            return Err(error);
+        }
         self.forget(name);
         self.removed.remove(&id);
         self.take_up(name)

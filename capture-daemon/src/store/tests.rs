@@ -313,3 +313,36 @@ fn a_folder_that_comes_late_is_read_then() {
     store.prepare().expect("it is a folder now");
     assert_eq!(names(&store), ["fern"]);
 }
+
+#[test]
+fn a_blade_that_is_put_there_replaces_its_name_or_makes_room_once_it_is_on_disk() {
+    let folder = folder();
+    let mut store = open(&folder);
+    for number in [1, 2, 3, 4] {
+        store.keep(&captured(number)).expect("room");
+    }
+    let full = names(&store);
+    // Nothing can be written over a folder.
+    let blocked = store.blades_folder().join("fern.toml");
+    fs::create_dir(&blocked).expect("room");
+    let refused = store.put_text("fern", DROPPED).expect_err("it cannot be written");
+    assert!(refused.is_disk(), "{refused}");
+    assert_eq!(names(&store), full, "nobody went to the archive for it");
+    fs::remove_dir(&blocked).expect("it is empty");
+
+    assert!(matches!(store.put_text("fern", "format = 1\nknots = 7\n"), Err(StoreError::Refused { .. })));
+    store.put_text("fern", DROPPED).expect("room");
+    assert_eq!(names(&store).len(), 4);
+    assert!(names(&store).contains(&"fern".to_owned()) && !names(&store).contains(&full[0]));
+
+    let broader = DROPPED.replace("0.004", "0.007");
+    store.put_text("fern", &broader).expect("room");
+    assert_eq!(names(&store).len(), 4, "what is replaced makes its own room");
+    let width = |store: &Store| {
+        let fern = store.blades().into_iter().find(|blade| blade.name() == "fern");
+        fern.expect("there").max_width_m()
+    };
+    assert_eq!(width(&store), 0.014);
+    store.restore("fern").expect("the one before");
+    assert_eq!(width(&store), 0.008);
+}
