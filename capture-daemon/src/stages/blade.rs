@@ -9,7 +9,7 @@ use super::confidence::Evidence;
 use super::lift::Lifted;
 use super::margin::Margins;
 use super::mask::{Mask, Region};
-use super::ribbon::Ribbon;
+use super::ribbon::{End, Ribbon};
 use crate::frame::{CameraModel, CameraPose};
 
 /// Which blades are good enough to grow.
@@ -211,7 +211,9 @@ pub fn accept(
         return Err(Refusal::TooShort { found_m: lifted.length_m, needed_m: params.min_length_m });
     }
     let (width_m, aspect) = (lifted.max_width_m(), lifted.length_m / lifted.max_width_m());
-    let is_leaf = || evidence.tip_blunt < BLUNT && lifted.steepest_flank() < MAX_FLANK;
+    // Of what the border cuts off the tip is not known.
+    let may_narrow = evidence.tip == End::Shared || evidence.tip_blunt < BLUNT;
+    let is_leaf = || may_narrow && lifted.steepest_flank() < MAX_FLANK;
     if aspect < MIN_ASPECT || width_m > params.max_width_m || width_m > BROAD_M && !is_leaf() {
         return Err(Refusal::TooBroad);
     }
@@ -354,7 +356,6 @@ fn score(lifted: &Lifted, evidence: &Evidence) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stages::ribbon::End;
 
     /// A blade 0.15 m long and 9 mm wide that is seen well, half a metre away.
     fn good() -> (Lifted, Margins, Evidence) {

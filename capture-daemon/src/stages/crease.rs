@@ -122,8 +122,11 @@ impl Crease {
         if extents.iter().flatten().count() < MIN_ROWS {
             return None;
         }
-        let weights = extents.iter().map(|extent| [if extent.is_some() { 1.0 } else { 0.0 }; 2]).collect();
-        let edges = extents.iter().map(|extent| extent.map_or([0.0; 2], |edges| edges.map(f64::from)));
+        // Where they are not seen they are about where they were expected.
+        let weights = extents.iter().map(|extent| [if extent.is_some() { 1.0 } else { 0.02 }; 2]).collect();
+        let expected = |section: &Section| [-section.expected.half_px, section.expected.half_px];
+        let edges = extents.iter().zip(sections);
+        let edges = edges.map(|(extent, section)| extent.unwrap_or(expected(section)).map(f64::from));
         let edges = Penalised::new(weights, [EDGE_WAVELENGTH_PX; 2]).smooth(edges.collect());
         let middle_px: Vec<f64> = edges.iter().map(|[left, right]| 0.5 * (left + right)).collect();
         let half_px: Vec<f64> = edges.iter().map(|[left, right]| (0.5 * (right - left)).max(0.3)).collect();

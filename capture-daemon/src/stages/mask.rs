@@ -428,11 +428,12 @@ fn label_pieces(mask: &mut Mask, bodies: &[Component], accumulation: &Accumulati
     let clean_end = mask.seen[3] * mask.width;
     let mut clean = vec![false; clean_end];
     // What lies beside a step is of no piece, so that outlines run along steps that end within a piece. In
-    // a single frame noise makes such steps too.
-    let noisy = mask.frames < 4;
+    // a single frame noise and folds make slighter ones too.
+    const SURE: f32 = 3.0;
+    let sure = if mask.frames < 4 { SURE * step } else { step };
     let level = |index: usize, next: usize| {
-        let alike = noisy || next >= clean_end || mask.blobs.of[next] != mask.blobs.of[index];
-        alike || (mask.depth_m[index] - mask.depth_m[next]).abs() <= step
+        let apart = next >= clean_end || mask.blobs.of[next] != mask.blobs.of[index];
+        apart || (mask.depth_m[index] - mask.depth_m[next]).abs() <= sure
     };
     let mut variances = variances.iter();
     for run in on_blob() {

@@ -62,7 +62,12 @@ pub fn trace(mask: &Mask, ribbon: &Ribbon, camera: &CameraModel) -> Option<Skele
     let root = (ribbon.root == End::Free).then(|| end(mask, &sections, 0, 1));
     // Beside a blunt end the cross-sections lean into its corners: it is carried on straight.
     let back = |end: &Option<Found>| end.as_ref().filter(|end| !end.pointed).map_or(0, |end| end.back);
-    let (at_root, at_tip) = (back(&root), back(&tip));
+    // One that the border cuts off has corners too, and nothing is known of what is beyond.
+    let cut = || {
+        let at = |k: usize| &sections[last.saturating_sub(k)].expected;
+        curl(&at, sections.len()).min(at(sections.len() / 8).half_px as usize)
+    };
+    let (at_root, at_tip) = (back(&root), if ribbon.tip == End::Shared { cut() } else { back(&tip) });
     if let Some(bend) = &mut bend {
         bend.cut(at_root, at_tip);
     }

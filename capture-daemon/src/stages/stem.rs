@@ -203,9 +203,13 @@ impl Ways {
         if leaf.tip == End::Free {
             return;
         }
-        let ends = [0, leaf.sections.len() - 1].map(|i| leaf.sections[i].expected.mid);
-        self.look(mask, ends.into_iter());
-        let [Some(root), Some(tip)] = ends.map(|end| self.cost_at(mask, end)) else { return };
+        // Its very ends may lie beside the blob.
+        let on_blob =
+            |point: &Vec2| mask.index_at(*point).is_some_and(|index| mask.blobs.of[index] == self.label);
+        let mut points = leaf.sections.iter().map(|section| section.expected.mid).filter(on_blob);
+        let (Some(first), Some(last)) = (points.next(), points.next_back()) else { return };
+        self.look(mask, [first, last].into_iter());
+        let [Some(root), Some(tip)] = [first, last].map(|end| self.cost_at(mask, end)) else { return };
         if tip < root {
             reverse(&mut leaf.sections);
             std::mem::swap(&mut leaf.root, &mut leaf.tip);

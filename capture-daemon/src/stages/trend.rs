@@ -14,7 +14,8 @@ pub(super) struct Trend {
     y: Parabola,
     half: Parabola,
     depth: Parabola,
-    slope: Parabola,
+    /// Σ of what the slope across is fitted to, as in [`super::section::Measured::slope_moments`], and its weight.
+    slope: [f32; 2],
     /// Half of the width of the last section that says something about the midrib, pixels.
     known_px: f32,
 }
@@ -23,6 +24,10 @@ pub(super) struct Trend {
 const MEMORY_PX: f64 = 24.0;
 /// What is farther back than this is as good as forgotten.
 const WINDOW: usize = 80;
+
+/// Keeps the slope calm where there are but a few pixels, as in `settle::slopes`; more, as each section is
+/// sought by the slope of those before it.
+const SLOPE_RIDGE: f32 = 4.0;
 
 impl Trend {
     /// Of the sections so far, about a pixel apart. O(1).
@@ -46,15 +51,18 @@ impl Trend {
         if let Some(depth) = section.measured.depth_m {
             self.depth.add(0.0, depth.into(), f64::from(section.measured.readings));
         }
-        self.slope.add(0.0, section.expected.slope_m.into(), 1.0);
+        let [moment, square] = section.measured.slope_moments;
+        self.slope[0] += moment + section.expected.slope_m * square;
+        self.slope[1] += square;
         if weight > 0.0 {
             self.known_px = section.expected.half_px;
         }
         let remembered = (-1.0 / MEMORY_PX).exp();
-        for fit in [&mut self.x, &mut self.y, &mut self.half, &mut self.depth, &mut self.slope] {
+        for fit in [&mut self.x, &mut self.y, &mut self.half, &mut self.depth] {
             fit.scale(remembered);
             fit.shift(-1.0);
         }
+        self.slope = self.slope.map(|sum| sum * remembered as f32);
     }
 
     /// What is expected a pixel beyond the `last` section. How far an edge and a reading may be off is taken
@@ -77,7 +85,7 @@ impl Trend {
             half_px,
             fold: Fold { at_px: last.fold.at_px * half_px / last.half_px, ..last.fold },
             depth_m: value(curve(&self.depth), last.depth_m),
-            slope_m: value(self.slope.solve(0, 0.0), last.slope_m),
+            slope_m: self.slope[0] / (self.slope[1] + SLOPE_RIDGE),
             ..*last
         }
     }
