@@ -5,6 +5,7 @@
 //! is no error: the table states the ratios, and the targets that they are held against.
 
 mod opencv;
+mod preview;
 
 use std::hint::black_box;
 use std::path::Path;
@@ -116,6 +117,7 @@ fn main() -> anyhow::Result<()> {
         })
     );
     stages(&held, &fan[16], &params.pipeline, steps.blades.len())?;
+    preview::times(&fan)?;
     memory()
 }
 

@@ -57,6 +57,15 @@ pub enum Verb {
     ///
     /// Example: sward-capture status --watch
     Status(StatusArgs),
+    /// Look through the eyes of the station that runs: a picture of what it sees, and what it tells the visitor
+    ///
+    /// For whoever mounts the camera. Depth is the brighter the nearer, red before the depth window and blue behind
+    /// it; what is seen within has a light border, hands are brown, contours yellow, and a captured blade has its
+    /// midrib and its widths, with a dot at its root. Exit code 0: done; 1: no station answers, it refuses, or the
+    /// picture cannot be written; 2: bad arguments or configuration.
+    ///
+    /// Example: sward-capture preview seen.png
+    Preview(PreviewArgs),
     /// Have the station that runs read its configuration again
     ///
     /// Names the keys that changed, and those that wait for a restart. Exit code 0: done; 1: no station
@@ -193,6 +202,20 @@ pub struct StatusArgs {
     /// Say it again every second, a line each, until interrupted
     #[arg(long)]
     pub watch: bool,
+}
+
+/// What to show of what the station sees.
+#[derive(Debug, Args)]
+pub struct PreviewArgs {
+    /// The picture, a PNG; one that is there is replaced
+    #[arg(value_name = "OUT.png", required_unless_present = "watch")]
+    pub out: Option<PathBuf>,
+    /// A line at each change of state, hold or message, until interrupted; the picture is drawn anew with each
+    #[arg(long)]
+    pub watch: bool,
+    /// Which station.
+    #[command(flatten)]
+    pub station: StationArgs,
 }
 
 /// What to list.

@@ -1,17 +1,15 @@
-//! The verbs that talk to a station that runs: `status`, `reload` and `blades`.
+//! The verbs that talk to a station that runs: `status`, `preview`, `reload` and `blades`.
 
 use std::fmt::Write;
 use std::future::Future;
 use std::io::ErrorKind;
-use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context;
-use common::protocol::{
-    self, Blade, GetStatusReply, ListBladesReply, RefusedFile, ReloadReply, StationError, Status,
-};
+use common::protocol::{Blade, ListBladesReply, RefusedFile, ReloadReply, StationError, Status};
 use common::sentence::print;
+use common::station::StationProxy;
 use serde::Serialize;
 
 use crate::cli::{BladesVerb, ListArgs, StationArgs, StatusArgs};
@@ -23,23 +21,9 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const HANGUPS: [ErrorKind; 2] = [ErrorKind::BrokenPipe, ErrorKind::ConnectionReset];
 
 mod files;
+mod preview;
 
-#[zlink::proxy("io.sward.Station")]
-trait StationProxy {
-    #[zlink(return_fds)]
-    async fn get_library(
-        &mut self,
-        after: i64,
-    ) -> zlink::Result<(Result<protocol::Library, StationError>, Vec<OwnedFd>)>;
-    async fn put_blade(&mut self, name: &str, text: &str) -> zlink::Result<Result<(), StationError>>;
-    async fn get_status(&mut self) -> zlink::Result<Result<GetStatusReply, StationError>>;
-    async fn list_blades(&mut self) -> zlink::Result<Result<ListBladesReply, StationError>>;
-    async fn reload(&mut self) -> zlink::Result<Result<ReloadReply, StationError>>;
-    async fn set_mix(&mut self, name: &str, mix: f64) -> zlink::Result<Result<(), StationError>>;
-    async fn rename_blade(&mut self, name: &str, new_name: &str) -> zlink::Result<Result<(), StationError>>;
-    async fn remove_blade(&mut self, name: &str) -> zlink::Result<Result<(), StationError>>;
-    async fn restore_blade(&mut self, name: &str) -> zlink::Result<Result<(), StationError>>;
-}
+pub use preview::preview;
 
 /// Why a station did not do what was asked. One sentence without its full stop.
 #[derive(Debug, thiserror::Error)]
@@ -109,6 +93,15 @@ impl ClientError {
     }
 }
 
+/// How long it is waited for an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Patience {
+    /// [`PATIENCE`].
+    Short,
+    /// For something new, which may never come.
+    Endless,
+}
+
 /// A connection to a station, for calls that block.
 struct Station {
     runtime: tokio::runtime::Runtime,
@@ -134,8 +127,20 @@ impl Station {
         &mut self,
         call: impl AsyncFnOnce(&mut zlink::tokio::unix::Connection) -> zlink::Result<Result<T, StationError>>,
     ) -> Result<T, ClientError> {
+        self.call_with(Patience::Short, call)
+    }
+
+    fn call_with<T>(
+        &mut self,
+        patience: Patience,
+        call: impl AsyncFnOnce(&mut zlink::tokio::unix::Connection) -> zlink::Result<Result<T, StationError>>,
+    ) -> Result<T, ClientError> {
         let Self { runtime, connection, socket } = self;
-        match runtime.block_on(patiently(socket, call(connection)))? {
+        let answer = match patience {
+            Patience::Short => runtime.block_on(patiently(socket, call(connection)))?,
+            Patience::Endless => runtime.block_on(call(connection)),
+        };
+        match answer {
             Ok(answer) => answer.map_err(ClientError::Refused),
             Err(zlink::Error::VarlinkService(error))
                 if *error.inner() == zlink::varlink_service::Error::PermissionDenied =>

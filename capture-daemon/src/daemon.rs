@@ -18,7 +18,7 @@ use crate::cli::ConfigArgs;
 use crate::config::{self, Config};
 use crate::frames::{self, FrameOrder, Frames, open_source};
 use crate::keeper::{self, Announcements, Holdings, Job, Keeper, Outcome};
-use crate::service::{Access, ReloadOrder, Service, Socket, passed_socket};
+use crate::service::{Access, Previews, ReloadOrder, Service, Socket, passed_socket};
 use crate::store::Store;
 
 /// Where blades are kept when nothing says otherwise.
@@ -98,6 +98,7 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     let (holdings, holdings_seen) = watch::channel(Arc::new(Holdings::default()));
     let description = source.as_ref().map_or_else(|| "none".to_owned(), |source| source.describe());
     let (status, status_seen) = watch::channel(first_status(description, &config));
+    let (looks, looks_seen) = watch::channel(None);
     let (access, access_seen) = watch::channel(access_of(&config));
     let (jobs, jobs_come) = mpsc::sync_channel(keeper::QUEUE);
     let (orders, orders_come) = mpsc::sync_channel(frames::QUEUE);
@@ -107,13 +108,14 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     keeper.begin();
     let mut keeper = Worker::start("store", move || keeper.run(&jobs_come))?;
     let stop = Arc::new(AtomicBool::new(false));
-    let frames = Frames::new(&config, status, jobs.clone(), orders_come, Arc::clone(&stop));
+    let frames = Frames::new(&config, status, looks, jobs.clone(), orders_come, Arc::clone(&stop));
     let mut frames = Worker::start("frames", move || frames.run(source))?;
 
     let service = Service {
         library: library_seen,
         holdings: holdings_seen,
         status: status_seen,
+        previews: Previews::new(looks_seen),
         access: access_seen,
         keeper: jobs.clone(),
         frames: orders.clone(),

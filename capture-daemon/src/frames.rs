@@ -11,6 +11,7 @@ use tokio::sync::{oneshot, watch};
 
 use crate::config::Config;
 use crate::keeper::{Job, Outcome};
+use crate::preview::{Look, Previewer};
 use crate::recording::{self, OpenError};
 use crate::replay::Pace;
 use crate::session::{Capture, Session, SessionParams};
@@ -18,6 +19,7 @@ use crate::source::{FrameSource, SourceError};
 use crate::stages::blade::CapturedBlade;
 use crate::station::State;
 use crate::store::record::{Measured, Provenance, Record};
+use crate::visitor::Message;
 
 /// Orders that may wait for the frame thread.
 pub(crate) const QUEUE: usize = 16;
@@ -89,6 +91,7 @@ pub(crate) struct Frames {
     session: Session,
     params: SessionParams,
     status: watch::Sender<Status>,
+    previewer: Previewer,
     keeper: SyncSender<Job>,
     orders: Receiver<FrameOrder>,
     stop: Arc<AtomicBool>,
@@ -105,6 +108,7 @@ impl Frames {
     pub(crate) fn new(
         config: &Config,
         status: watch::Sender<Status>,
+        looks: watch::Sender<Option<Arc<Look>>>,
         keeper: SyncSender<Job>,
         orders: Receiver<FrameOrder>,
         stop: Arc<AtomicBool>,
@@ -116,6 +120,7 @@ impl Frames {
             session: Session::new(params.clone()),
             params,
             status,
+            previewer: Previewer::new(looks),
             keeper,
             orders,
             stop,
@@ -145,6 +150,9 @@ impl Frames {
                 }
                 None => {
                     let wait = if self.config.source.looped { retry } else { LONGEST_RETRY };
+                    let is_hopeful = wait < LONGEST_RETRY && self.config.source.recording.is_some();
+                    let message = if is_hopeful { Message::Reconnecting } else { Message::CallStaff };
+                    self.previewer.no_source(message, &self.params.pipeline.mask);
                     if !self.attend(wait) {
                         return;
                     }
@@ -171,6 +179,7 @@ impl Frames {
     fn play(&mut self, mut source: Source) -> Option<bool> {
         // A recording's clock steps back where it begins again, so the session begins anew too.
         self.session = Session::new(self.params.clone());
+        self.previewer.begin();
         self.source_name = source.describe();
         self.has_source = true;
         let rate = self.config.source.rate;
@@ -201,11 +210,13 @@ impl Frames {
             if !self.attend(wait) {
                 return None;
             }
-            if let Some(capture) = self.session.push(&frame) {
+            let capture = self.session.push(&frame).map(Arc::new);
+            if let Some(capture) = &capture {
                 self.deliver(capture);
             } else if self.session.state() == State::Waiting {
                 self.answer(Err(StationError::NothingHeld));
             }
+            self.previewer.frame(frame, &self.session, capture);
             self.count_frame();
         }
     }
@@ -277,17 +288,17 @@ impl Frames {
     }
 
     /// Sends a capture to the keeper, who announces it once it is on disk.
-    fn deliver(&mut self, capture: Capture) {
+    fn deliver(&mut self, capture: &Capture) {
         let refused: Vec<String> = capture.steps.refused.iter().map(ToString::to_string).collect();
         for refusal in &capture.steps.refused {
             tracing::info!(frame = capture.frame, code = refusal.code(), %refusal, "refused");
         }
-        let (frame, blades) = (capture.frame, capture.steps.blades);
+        let (frame, blades) = (capture.frame, &capture.steps.blades);
         if blades.is_empty() {
             return self.answer(Ok(CaptureReply { names: Vec::new(), refused }));
         }
         let records: Vec<Record> =
-            blades.into_iter().enumerate().map(|(index, blade)| self.record(frame, index, blade)).collect();
+            blades.iter().enumerate().map(|(index, blade)| self.record(frame, index, blade)).collect();
         self.status.send_modify(|status| status.captures += 1);
         // The keeper answers who asked, once the blades are announced.
         let asked = self.asked.take().map(|asked| (asked, refused));
@@ -302,14 +313,14 @@ impl Frames {
         }
     }
 
-    fn record(&self, frame: u64, index: usize, captured: CapturedBlade) -> Record {
+    fn record(&self, frame: u64, index: usize, captured: &CapturedBlade) -> Record {
         let CapturedBlade { blade, quality, .. } = captured;
         let [length_mm, width_mm] =
             [blade.length_m(), blade.max_width_m()].map(|metres| format!("{:.1}", metres * 1e3));
         let score = format!("{:.2}", quality.score);
         tracing::info!(frame, name = blade.name(), length_mm, width_mm, quality = score, "captured");
         Record {
-            blade,
+            blade: blade.clone(),
             pinned: false,
             sequence: None,
             measured: Some(Measured {

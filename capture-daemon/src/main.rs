@@ -62,6 +62,7 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
         }
         Verb::CheckConfig(args) => load(args).map(drop),
         Verb::Status(args) => client::status(args),
+        Verb::Preview(args) => client::preview(args),
         Verb::Reload(args) => client::reload(args),
         Verb::Blades(verb) => client::blades(verb),
     }

@@ -128,6 +128,11 @@ impl Session {
         self.state
     }
 
+    /// What it goes by.
+    pub fn params(&self) -> &SessionParams {
+        &self.params
+    }
+
     /// Frames taken so far.
     pub fn frames(&self) -> u64 {
         self.frames

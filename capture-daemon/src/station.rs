@@ -46,6 +46,18 @@ impl State {
             Self::Captured => "captured",
         }
     }
+
+    /// How much of the hold is over at `timestamp_ns`, 0..=1.
+    pub fn hold(&self, timestamp_ns: u64, params: &StationParams) -> f32 {
+        match self {
+            Self::Waiting => 0.0,
+            Self::Settling { since_ns, .. } if params.hold_s > 0.0 => {
+                let held_s = timestamp_ns.saturating_sub(*since_ns) as f64 * 1e-9;
+                (held_s / params.hold_s).min(1.0) as f32
+            }
+            Self::Settling { .. } | Self::Captured => 1.0,
+        }
+    }
 }
 
 /// What is to be done with the frame that was seen.
@@ -136,6 +148,17 @@ mod tests {
         assert!(captures(0.5, &frames).is_empty());
         frames.extend([(500, 195.0); 20]);
         assert_eq!(captures(0.5, &frames).len(), 1);
+    }
+
+    #[test]
+    fn the_hold_grows_from_nothing_to_one() {
+        let params = StationParams { hold_s: 0.5, ..StationParams::default() };
+        let seen = Presence { area_px: 500, centroid_px: [0.0, 0.0] };
+        let settling = State::Settling { since_ns: 1_000_000_000, first: seen };
+        let holds =
+            [900_000_000, 1_000_000_000, 1_250_000_000, 9_000_000_000].map(|at| settling.hold(at, &params));
+        assert_eq!(holds, [0.0, 0.0, 0.5, 1.0]);
+        assert_eq!([State::Waiting, State::Captured].map(|state| state.hold(0, &params)), [0.0, 1.0]);
     }
 
     #[test]

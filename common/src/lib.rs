@@ -6,8 +6,10 @@
 pub mod blade;
 pub mod geometry;
 pub mod library;
+pub mod preview;
 pub mod protocol;
 pub mod refine;
 pub mod sealed;
 pub mod sentence;
+pub mod station;
 pub mod strand;

@@ -22,6 +22,24 @@ pub struct Library {
     pub fd: i64,
 }
 
+/// The reply of `GetPreview`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct Preview {
+    /// Sequence number of the preview.
+    pub sequence: i64,
+    /// `no_source`, `waiting`, `settling` or `captured`.
+    pub state: String,
+    /// What to tell the visitor, for programs.
+    pub code: String,
+    /// The same in plain words.
+    pub words: String,
+    /// Bytes of the memfd.
+    pub size: i64,
+    /// Index of the memfd among the reply's descriptors.
+    pub fd: i64,
+}
+
 /// What the station is doing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, introspect::CustomType)]
 #[zlink(crate = "zlink_core")]
@@ -145,7 +163,12 @@ pub enum StationError {
         /// What was sent.
         after: i64,
     },
-    /// The station has no file descriptor left for the reply; try again.
+    /// `after` of a preview was below zero.
+    InvalidSequence {
+        /// What was sent.
+        after: i64,
+    },
+    /// The station has no file descriptor or no memory left for the reply; try again.
     OutOfDescriptors,
     /// There is no blade of this name.
     NoSuchBlade {
@@ -200,7 +223,10 @@ impl std::fmt::Display for StationError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::InvalidGeneration { after } => write!(f, "the generation {after} is below zero"),
-            Self::OutOfDescriptors => f.write_str("the station has no file descriptor left; try again"),
+            Self::InvalidSequence { after } => write!(f, "the sequence number {after} is below zero"),
+            Self::OutOfDescriptors => {
+                f.write_str("the station has no file descriptor or no memory left; try again")
+            }
             Self::NoSuchBlade { name } => {
                 write!(f, "there is no blade {name:?}; sward-capture blades list shows what there is")
             }
@@ -268,6 +294,7 @@ mod tests {
         }
         for (call, reply) in [
             ("GetLibrary(after:int)", Library::TYPE),
+            ("GetPreview(after:int)", Preview::TYPE),
             ("GetStatus()", GetStatusReply::TYPE),
             ("ListBlades()", ListBladesReply::TYPE),
             ("Capture()", CaptureReply::TYPE),

@@ -4,14 +4,14 @@
 //! A station that is away is tried again; a snapshot that is not valid is refused with its reason.
 //! Either way the meadow keeps what it has.
 
-use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use common::library::{Snapshot, SnapshotError};
-use common::protocol::{self, MAX_SNAPSHOT_BYTES, StationError};
-use common::sealed::{SealedBytes, SealedError};
+use common::library::Snapshot;
+use common::protocol::StationError;
+use common::sealed::SealedBytes;
+use common::station::{self, StationProxy};
 use tokio::sync::oneshot;
 
 /// A validated snapshot in shared memory.
@@ -19,28 +19,6 @@ pub type Library = Snapshot<SealedBytes>;
 
 const FIRST_RETRY: Duration = Duration::from_millis(50);
 const LONGEST_RETRY: Duration = Duration::from_secs(2);
-
-#[zlink::proxy("io.sward.Station")]
-trait StationProxy {
-    #[zlink(return_fds)]
-    async fn get_library(
-        &mut self,
-        after: i64,
-    ) -> zlink::Result<(Result<protocol::Library, StationError>, Vec<OwnedFd>)>;
-}
-
-/// Why a reply of the station is not a library.
-#[derive(Debug, thiserror::Error)]
-enum RefusedError {
-    #[error("it names descriptor {index} of {count}")]
-    NoDescriptor { index: i64, count: usize },
-    #[error(transparent)]
-    Sealed(#[from] SealedError),
-    #[error(transparent)]
-    Snapshot(#[from] SnapshotError),
-    #[error("the reply says {field} {said}, the snapshot has {found}")]
-    Disagrees { field: &'static str, said: i64, found: u64 },
-}
 
 /// Why the conversation with the station ended.
 #[derive(Debug, thiserror::Error)]
@@ -132,16 +110,16 @@ async fn follow_for_ever(socket: &Path, slot: &Slot) {
 
 /// Follows one connection until it ends.
 async fn follow(socket: &Path, after: &mut i64, slot: &Slot) -> Result<std::convert::Infallible, LostError> {
-    let mut station = zlink::tokio::unix::connect(socket).await?;
+    let mut connection = zlink::tokio::unix::connect(socket).await?;
     loop {
-        let (reply, descriptors) = station.get_library(*after).await?;
+        let (reply, descriptors) = connection.get_library(*after).await?;
         let reply = reply.map_err(LostError::Station)?;
         if reply.generation <= *after {
             return Err(LostError::NotNewer { generation: reply.generation, after: *after });
         }
         // Counted as seen even when it is refused: asking again would bring the same bytes.
         *after = reply.generation;
-        match receive(&reply, &descriptors) {
+        match station::library(&reply, &descriptors) {
             Ok(library) => {
                 tracing::info!(generation = reply.generation, blades = library.len(), "new library");
                 *slot.lock() = Some(library);
@@ -151,59 +129,5 @@ async fn follow(socket: &Path, after: &mut i64, slot: &Slot) -> Result<std::conv
                 tracing::error!(generation = reply.generation, %reason, "library refused; the meadow stays");
             }
         }
-    }
-}
-
-fn receive(reply: &protocol::Library, descriptors: &[OwnedFd]) -> Result<Library, RefusedError> {
-    let index = usize::try_from(reply.fd).unwrap_or(usize::MAX);
-    let none = RefusedError::NoDescriptor { index: reply.fd, count: descriptors.len() };
-    let descriptor = descriptors.get(index).ok_or(none)?;
-    let library = Snapshot::validate(SealedBytes::map(descriptor, MAX_SNAPSHOT_BYTES)?)?;
-    for (field, said, found) in [
-        ("generation", reply.generation, library.generation()),
-        ("blades", reply.blades, library.len() as u64),
-        ("size", reply.size, library.bytes().len() as u64),
-    ] {
-        if u64::try_from(said) != Ok(found) {
-            return Err(RefusedError::Disagrees { field, said, found });
-        }
-    }
-    Ok(library)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn reply(generation: i64, bytes: &[u8]) -> (protocol::Library, OwnedFd) {
-        let size = bytes.len() as i64;
-        (
-            protocol::Library { generation, blades: 0, size, fd: 0 },
-            common::sealed::seal("t", bytes).expect("memfd"),
-        )
-    }
-
-    #[test]
-    fn a_reply_that_disagrees_with_its_snapshot_is_refused() {
-        let bytes = common::library::encode(7, &[]).expect("empty library");
-        let (right, descriptor) = reply(7, &bytes);
-        let descriptors = [descriptor];
-        assert_eq!(receive(&right, &descriptors).expect("valid").generation(), 7);
-        let refused = |change: fn(&mut protocol::Library)| {
-            let mut wrong = right;
-            change(&mut wrong);
-            receive(&wrong, &descriptors).expect_err("refused").to_string()
-        };
-        assert_eq!(refused(|r| r.generation = 8), "the reply says generation 8, the snapshot has 7");
-        assert_eq!(refused(|r| r.blades = -1), "the reply says blades -1, the snapshot has 0");
-        assert_eq!(refused(|r| r.size = 1), "the reply says size 1, the snapshot has 64");
-        assert_eq!(refused(|r| r.fd = 1), "it names descriptor 1 of 1");
-        assert_eq!(refused(|r| r.fd = -1), "it names descriptor -1 of 1");
-    }
-
-    #[test]
-    fn bytes_that_are_no_snapshot_are_refused() {
-        let (reply, descriptor) = reply(1, b"no meadow here");
-        assert!(matches!(receive(&reply, &[descriptor]), Err(RefusedError::Snapshot(_))));
     }
 }

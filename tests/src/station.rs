@@ -6,8 +6,10 @@ use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
+use std::time::Instant;
 
 use common::library::Snapshot;
+use common::preview::{self, Preview};
 use common::sealed::SealedBytes;
 use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
 use serde_json::{Value, json};
@@ -136,6 +138,51 @@ impl Station {
         assert_eq!(snapshot.len() as u64, number("blades"));
         assert!(snapshot.generation() > after);
         Ok(snapshot)
+    }
+
+    /// The newest preview, as soon as there is another than `after`.
+    ///
+    /// # Panics
+    /// If what comes is not one sealed, valid preview that keeps what the reply says of it.
+    pub fn preview(&mut self, after: u64) -> Preview<SealedBytes> {
+        self.try_preview(after).expect("the station answers in time")
+    }
+
+    /// The same; an error when the station has gone.
+    ///
+    /// # Errors
+    /// When the station hangs up or is silent for too long.
+    ///
+    /// # Panics
+    /// If what comes is not one sealed, valid preview that keeps what the reply says of it.
+    pub fn try_preview(&mut self, after: u64) -> io::Result<Preview<SealedBytes>> {
+        let (reply, descriptors) = self.try_ask("io.sward.Station.GetPreview", &json!({"after": after}))?;
+        let reply = &reply["parameters"];
+        assert_eq!((descriptors.len(), &reply["fd"]), (1, &json!(0)), "one memfd: {reply}");
+        let bytes = SealedBytes::map(&descriptors[0], preview::MAX_BYTES).expect("a sealed memfd");
+        let preview = Preview::validate(bytes).expect("a valid preview");
+        let header = preview.header();
+        let said = json!({
+            "sequence": header.sequence, "state": header.state.name(), "code": preview.code(),
+            "words": preview.words(), "size": preview.bytes().len(), "fd": 0,
+        });
+        assert_eq!(*reply, said);
+        assert_ne!(header.sequence, after);
+        Ok(preview)
+    }
+
+    /// The first preview that something holds of, from now on.
+    ///
+    /// # Panics
+    /// If none does within [`DEADLINE`].
+    pub fn preview_that(&mut self, holds: impl Fn(&Preview<SealedBytes>) -> bool) -> Preview<SealedBytes> {
+        let start = Instant::now();
+        let mut preview = self.preview(0);
+        while !holds(&preview) {
+            assert!(start.elapsed() < DEADLINE, "the last is {:?}", preview.header());
+            preview = self.preview(preview.header().sequence);
+        }
+        preview
     }
 
     /// The first library with at least `blades` blades.

@@ -107,6 +107,8 @@ fn who_is_not_listed_may_watch_at_most() {
 
     let daemon = with_fern(&[open.clone(), ("service.watch", "[]".to_owned())]);
     refused(&stranger(&daemon, &["status"]), 1, &["service.watch"]);
+    refused(&stranger(&daemon, &["preview", "seen.png"]), 1, &["service.watch"]);
+    refused(&stranger(&daemon, &["preview", "--watch"]), 1, &["service.watch"]);
     let daemon = with_fern(&[open.clone(), ("service.change", "[\"@4243\"]".to_owned())]);
     assert_eq!(stranger(&daemon, &["blades", "remove", "fern"]).code, Some(0));
 
@@ -225,6 +227,7 @@ fn nothing_that_a_client_sends_stops_the_station() {
         r#"{"method":"org.varlink.service.GetInfo"}"#,
         r#"{"method":"org.varlink.service.GetInterfaceDescription","parameters":{"interface":"io.sward.Station"}}"#,
         r#"{"method":"io.sward.Station.GetLibrary","parameters":{"after":0}}"#,
+        r#"{"method":"io.sward.Station.GetPreview","parameters":{"after":0}}"#,
         r#"{"method":"io.sward.Station.GetStatus","parameters":{},"more":true}"#,
         r#"{"method":"io.sward.Station.ListBlades"}"#,
         r#"{"method":"io.sward.Station.SetMix","parameters":{"name":"fern","mix":1.5}}"#,

@@ -6,11 +6,10 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
 use common::blade::Blade;
-use common::library::Snapshot;
-use common::protocol::{MAX_SNAPSHOT_BYTES, StationError};
-use common::sealed::SealedBytes;
+use common::protocol::StationError;
+use common::station::{self, StationProxy};
 
-use super::{ClientError, Station, StationProxy};
+use super::{ClientError, Station};
 use crate::cli::StationArgs;
 use crate::exchange::svg_import::{self, ImportParams};
 use crate::exchange::{glb, svg_export};
@@ -40,10 +39,14 @@ pub(super) fn export(file: &Path, names: &[String], args: &StationArgs) -> anyho
         "svg" => svg_export::write(&blades).into_bytes(),
         _ => glb::write(&blades).context("the mesh cannot be written")?,
     };
-    // Whole, or not at all.
+    write_whole(file, &bytes)
+}
+
+/// Writes a file whole, or not at all; one that is there is replaced.
+pub(super) fn write_whole(file: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let written = tempfile::Builder::new().prefix(".sward-").tempfile_in(folder).and_then(|mut temporary| {
-        temporary.write_all(&bytes)?;
+        temporary.write_all(bytes)?;
         temporary.persist(file)?;
         Ok(())
     });
@@ -61,10 +64,7 @@ fn library(args: &StationArgs) -> anyhow::Result<Vec<Blade>> {
         let (reply, descriptors) = station.get_library(0).await?;
         Ok(reply.map(|reply| (reply, descriptors)))
     })?;
-    let descriptor = usize::try_from(reply.fd).ok().and_then(|index| descriptors.get(index));
-    let descriptor = descriptor.context("the station sent a library without its descriptor")?;
-    let bytes = SealedBytes::map(descriptor, MAX_SNAPSHOT_BYTES).context("the library cannot be read")?;
-    let snapshot = Snapshot::validate(bytes).context("the library is not valid")?;
+    let snapshot = station::library(&reply, &descriptors).context("the library cannot be used")?;
     let blade = |view: common::library::BladeView<'_>| {
         let size = [view.length_m(), view.max_width_m()];
         Blade::new(view.id(), view.name(), view.knots(), size, view.captured_unix_ns(), view.quality())

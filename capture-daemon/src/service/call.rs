@@ -14,6 +14,8 @@ pub(crate) enum Call {
     GetInterfaceDescription { interface: String },
     /// The newest library, as soon as it is newer than `after`.
     GetLibrary { after: i64 },
+    /// The newest preview, as soon as its sequence number is another than `after`.
+    GetPreview { after: i64 },
     /// What the station is doing.
     GetStatus,
     /// What the library holds.
@@ -136,6 +138,7 @@ impl Call {
                 Self::GetInterfaceDescription { interface: parameters.text("interface")? }
             }
             "io.sward.Station.GetLibrary" => Self::GetLibrary { after: parameters.whole("after")? },
+            "io.sward.Station.GetPreview" => Self::GetPreview { after: parameters.whole("after")? },
             "io.sward.Station.GetStatus" => Self::GetStatus,
             "io.sward.Station.ListBlades" => Self::ListBlades,
             "io.sward.Station.Capture" => Self::Capture,
@@ -163,7 +166,9 @@ impl Call {
     pub(crate) fn right(&self) -> Right {
         match self {
             Self::GetInfo | Self::GetInterfaceDescription { .. } => Right::Anyone,
-            Self::GetLibrary { .. } | Self::GetStatus | Self::ListBlades => Right::Watch,
+            Self::GetLibrary { .. } | Self::GetPreview { .. } | Self::GetStatus | Self::ListBlades => {
+                Right::Watch
+            }
             Self::Order(_) | Self::Capture | Self::Reload => Right::Change,
         }
     }
@@ -217,6 +222,7 @@ mod tests {
         let new_name = || "moss".to_owned();
         for (method, parameters, expected) in [
             ("GetLibrary", r#"{"after":7}"#, Call::GetLibrary { after: 7 }),
+            ("GetPreview", r#"{"after":0}"#, Call::GetPreview { after: 0 }),
             ("GetStatus", "{}", Call::GetStatus),
             ("GetStatus", "null", Call::GetStatus),
             ("ListBlades", "{}", Call::ListBlades),
@@ -279,6 +285,7 @@ mod tests {
     fn only_watching_is_less_than_changing() {
         assert_eq!(Call::GetInfo.right(), Right::Anyone);
         assert_eq!(Call::ListBlades.right(), Right::Watch);
+        assert_eq!(Call::GetPreview { after: 0 }.right(), Right::Watch);
         assert_eq!(Call::Reload.right(), Right::Change);
     }
 }

@@ -8,6 +8,7 @@
 mod access;
 mod call;
 mod connection;
+mod previews;
 mod published;
 mod socket;
 
@@ -23,6 +24,7 @@ use std::os::fd::OwnedFd;
 use tokio::sync::{mpsc, oneshot, watch};
 
 pub(crate) use access::{Access, Peer};
+pub(crate) use previews::Previews;
 pub(crate) use published::Published;
 pub(crate) use socket::{Socket, passed_socket};
 
@@ -43,6 +45,8 @@ pub(crate) struct Service {
     pub(crate) holdings: watch::Receiver<Arc<Holdings>>,
     /// What the frame thread says of itself.
     pub(crate) status: watch::Receiver<Status>,
+    /// What the frame thread sees.
+    pub(crate) previews: Previews,
     /// Who may do what.
     pub(crate) access: watch::Receiver<Arc<Access>>,
     /// The keeper's queue.
@@ -103,6 +107,7 @@ impl Service {
                 _ => return Err(CallError::InterfaceNotFound { interface }),
             },
             Call::GetLibrary { after } => return self.get_library(after).await,
+            Call::GetPreview { after } => return self.get_preview(after).await,
             Call::GetStatus => reply(&GetStatusReply { status: self.status() })?,
             Call::ListBlades => {
                 let holdings = Arc::clone(&self.holdings.borrow());
@@ -135,6 +140,21 @@ impl Service {
             fd: 0,
         })?;
         Ok((parameters, vec![memfd]))
+    }
+
+    async fn get_preview(&mut self, after: i64) -> Answer {
+        let Ok(after_sequence) = u64::try_from(after) else {
+            return Err(StationError::InvalidSequence { after }.into());
+        };
+        let preview = self.previews.other_than(after_sequence).await.and_then(|preview| {
+            let memfd = preview.descriptor()?;
+            Ok((preview, memfd))
+        });
+        let (preview, memfd) = preview.map_err(|error| {
+            tracing::debug!(%error, "a preview cannot be given");
+            StationError::OutOfDescriptors
+        })?;
+        Ok((reply(preview.reply())?, vec![memfd]))
     }
 
     async fn order(&self, order: Order) -> Result<Value, CallError> {

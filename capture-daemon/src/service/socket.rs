@@ -13,11 +13,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use listenfd::ListenFd;
-use rustix::net::sockopt::socket_acceptconn;
+use rustix::net::sockopt::{set_socket_send_buffer_size, socket_acceptconn};
 use tokio::net::{UnixListener, UnixStream};
 use zlink::connection::socket::FetchPeerCredentials;
 
 use super::{Peer, Service, connection};
+
+/// Room for replies that a client has not taken yet. Each of them may hold the memory of a preview, so that a
+/// client that asks and does not read must not have many.
+const SEND_BUFFER_BYTES: usize = 8 * 1024;
 
 /// Why the socket cannot be listened on.
 #[derive(Debug, thiserror::Error)]
@@ -188,6 +192,7 @@ async fn admit(
     counts: &Counts,
     limit: usize,
 ) -> io::Result<(zlink::tokio::unix::Stream, Peer, Seat)> {
+    set_socket_send_buffer_size(&stream, SEND_BUFFER_BYTES)?;
     let stream = zlink::tokio::unix::Stream::try_from(stream).map_err(io::Error::other)?;
     let credentials = stream.fetch_peer_credentials().await?;
     let groups = credentials.unix_supplementary_group_ids().iter();

@@ -51,3 +51,16 @@ pub(super) fn within(
     let mean = |sum: usize| if area > 0 { sum as f64 / area as f64 } else { 0.0 };
     Presence { area_px: area, centroid_px: [mean(sum_x), mean(sum_y)] }
 }
+
+/// Whether each pixel of a frame lies within the depth window and the region of interest: row-major, 1 or 0.
+/// O(pixels).
+pub fn plane(frame: &DepthFrame, params: &MaskParams) -> Vec<u8> {
+    let window = params.window(frame);
+    let [x0, y0, x1, y1] = params.region(frame.width, frame.height);
+    let mut plane = vec![0; frame.depth.len()];
+    for row in (y0..y1).map(|y| y * frame.width + x0..y * frame.width + x1) {
+        let pixels = plane[row.clone()].iter_mut().zip(&frame.depth[row]);
+        pixels.for_each(|(inside, counts)| *inside = u8::from(window.contains(counts)));
+    }
+    plane
+}

@@ -1,7 +1,80 @@
 """Calls every method of io.sward.Station with the public varlink package. Arguments: the socket, and
 what to do: `check` says whether the package is there, `call` calls."""
 
+import mmap
+import os
+import socket
+import struct
 import sys
+
+
+class WithDescriptors:
+    """A socket that keeps the descriptors that come with the bytes, which the package does not look for."""
+
+    def __init__(self, path):
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.connect(path)
+        self.descriptors = []
+
+    def sendall(self, data):
+        self.socket.sendall(data)
+
+    def recv(self, size):
+        data, descriptors, _, _ = socket.recv_fds(self.socket, size, 8)
+        self.descriptors += descriptors
+        return data
+
+    def close(self):
+        self.socket.close()
+
+
+def read_preview(client):
+    """Reads the bytes of previews as the interface describes them."""
+    import varlink
+
+    connection = WithDescriptors(sys.argv[2])
+    station = varlink.SimpleClientInterfaceHandler(client.get_interface("io.sward.Station"), connection)
+    after = 0
+    for _ in range(3):
+        reply = station.GetPreview(after=after)
+        descriptor = connection.descriptors.pop(reply["fd"])
+        assert connection.descriptors == []
+        with mmap.mmap(descriptor, 0, prot=mmap.PROT_READ) as shared:
+            data = bytes(shared)
+        os.close(descriptor)
+        (
+            magic, version, header_size, total, sequence, frame, time_ns, width, height, fx, fy, cx, cy, near, far,
+            state, hold, has_capture, _, _, blades, polylines, points, words, code, reserved,
+        ) = struct.unpack_from("<8sIIQQQQII4f2HIfIQQIIII24s16s", data)  # fmt: skip
+        assert (magic, version, header_size, total) == (b"SWARDPRV", 1, 160, reply["size"]), data[:160]
+        assert len(data) == total and sequence == reply["sequence"] and reserved == bytes(16)
+        assert sequence > after and time_ns > 10**18 and 0 <= frame < 1000
+        assert (width, height, near, far) == (640, 480, 300, 900)
+        assert min(fx, fy, cx, cy) > 100 and 0 <= hold <= 1
+        assert ("no_source", "waiting", "settling", "captured")[state] == reply["state"]
+        assert (has_capture, blades) == (0, 0), "it is captured by hand alone"
+        assert code.rstrip(b"\0").decode() == reply["code"] in ("waiting", "hold_still")
+        depth = struct.unpack_from(f"<{width * height}H", data, 160)
+        mask_at = 160 + 2 * width * height
+        for mm, bits in zip(depth, data[mask_at : mask_at + width * height]):
+            assert (bits & 1) == (near <= mm <= far), (mm, bits)
+        labels = data[mask_at + width * height : mask_at + 2 * width * height]
+        assert not any(labels)
+        lines_at = (160 + 4 * width * height + 15) // 16 * 16
+        points_at = lines_at + 16 * polylines
+        words_at = points_at + 16 * points
+        assert data[words_at:].decode() == reply["words"] and words_at + words == total
+        next_point = 0
+        for line in range(polylines):
+            kind, _, first, count = struct.unpack_from("<4I", data, lines_at + 16 * line)
+            assert kind == 0 and first == next_point and count >= 2
+            next_point += count
+            for point in range(first, first + count):
+                x, y, left, right = struct.unpack_from("<4f", data, points_at + 16 * point)
+                assert -1 <= x <= width and -1 <= y <= height and left == right == 0
+        assert next_point == points
+        after = sequence
+    connection.close()
 
 
 def main():
@@ -33,6 +106,10 @@ def main():
         assert status["store"] == "ok" and status["blades"] == 1, status
         library = call("GetLibrary", after=0)
         assert library["blades"] == 1 and library["size"] > 64, library
+        seen = call("GetPreview", after=0)
+        assert seen["state"] in ("waiting", "settling") and seen["size"] > 160, seen
+        refused("io.sward.Station.InvalidSequence", station.GetPreview, after=-1)
+        read_preview(client)
         assert call("SetMix", name="fern", mix=2.5) is not None
         call("RenameBlade", name="fern", new_name="moss")
         blades = call("ListBlades")["blades"]
@@ -59,7 +136,7 @@ def main():
                 assert error.error() == "io.sward.Station.NothingHeld", error
         assert len(names) > 0
         assert methods <= called, methods - called
-        assert len(called) == 10, called
+        assert len(called) == 11, called
 
 
 main()
