@@ -3,8 +3,17 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use common::manual::Shell;
 
-/// Captures grass blades from a depth camera or a recording and offers them as a library.
+/// Captures grass blades from a depth camera or a recording and offers them as a library
+///
+/// Every key of the configuration is documented in the man page capture-daemon.toml(5), which the verb `man`
+/// writes with the others.
+///
+/// Exit code 0: done; 1: something prevents running; 2: bad arguments or configuration; 3: a recording that is
+/// missing or from which not one frame can be read.
+///
+/// Example: sward-capture replay recordings/row-3.mcap
 #[derive(Debug, Parser)]
 #[command(name = "sward-capture", version, max_term_width = 100)]
 pub struct Cli {
@@ -18,7 +27,11 @@ pub struct Cli {
 pub enum Verb {
     /// Run the capture station until SIGTERM or SIGINT
     ///
-    /// Plays `source.recording` as its sensor and offers the library on `service.socket`.
+    /// Plays `source.recording` as its sensor and offers the library on `service.socket`. The second of these
+    /// signals ends it at once. SWARD_LOG says what is logged: error, warn, info (the default), debug or trace.
+    ///
+    /// Exit code 0: it was asked to end; 1: something prevents running, such as a socket in use; 2: bad
+    /// arguments or configuration; 3: the recording is missing or not one frame of it can be read.
     ///
     /// Example: sward-capture run --set 'source.recording="recordings/row-3.mcap"'
     Run(ConfigArgs),
@@ -31,27 +44,39 @@ pub enum Verb {
     Replay(ReplayArgs),
     /// Write synthetic recordings with their truth
     ///
+    /// Prints the path of each recording.
+    ///
+    /// Exit code 0: done; 1: a file cannot be written; 2: bad arguments.
+    ///
     /// Example: sward-capture synth --out /tmp/clips --seed 7 --family row --clips 3
     Synth(crate::synth::SynthArgs),
     /// Print what a recording holds: topics, frames, rate, camera, metadata, damage
     ///
-    /// Reads it to its end. Exit code 0: done; 2: bad arguments or configuration; 3: the recording is
+    /// Reads it to its end.
+    ///
+    /// Exit code 0: done; 2: bad arguments or configuration; 3: the recording is
     /// missing or not one frame of it can be read.
     ///
     /// Example: sward-capture info recordings/row-3.mcap --json
     Info(InfoArgs),
     /// Rewrite a recording that was cut short into a whole one
     ///
-    /// Every whole message is kept, with its topic, times, metadata and attachments. Exit code 0: done;
-    /// 1: OUT exists or cannot be written; 3: the recording is missing or holds not one image.
+    /// Every whole message is kept, with its topic, times, metadata and attachments.
+    ///
+    /// Exit code 0: done; 1: OUT exists or cannot be written; 3: the recording is missing or holds not one
+    /// image.
     ///
     /// Example: sward-capture recover torn.mcap mended.mcap
     Recover(RecoverArgs),
-    /// Check a configuration: exit code 0, or 2 with file, line and column
+    /// Check a configuration
     ///
-    /// Example: sward-capture check-config --config capture-daemon.toml
+    /// Says nothing if it is valid, else what is wrong with file, line and column, and what was expected.
+    ///
+    /// Exit code 0: it is valid; 2: it is not.
+    ///
+    /// Example: sward-capture check-config --config /etc/sward/capture-daemon.toml
     CheckConfig(ConfigArgs),
-    /// Say what the station that runs is doing
+    /// Say what the station that runs is doing: its state, its rates, what it dropped, its library and store
     ///
     /// Exit code 0: it runs; 1: it does not answer, or refuses; 2: bad arguments or configuration.
     ///
@@ -68,16 +93,54 @@ pub enum Verb {
     Preview(PreviewArgs),
     /// Have the station that runs read its configuration again
     ///
-    /// Names the keys that changed, and those that wait for a restart. Exit code 0: done; 1: no station
-    /// answers, or it refuses; 2: the configuration is not valid, and the old one stays.
+    /// Names the keys that changed, and those that wait for a restart.
+    ///
+    /// Exit code 0: done; 1: no station answers, or it refuses; 2: the configuration is not valid, and the
+    /// old one stays.
     ///
     /// Example: sward-capture reload
     Reload(StationArgs),
+    /// Check everything on this machine that a station needs, and say what to do
+    ///
+    /// Configuration, recording, store and disk, socket and who may use it, limits, clock, systemd's units,
+    /// sensors, and the station that runs. Changes nothing but for a file that it writes to the store and
+    /// removes again.
+    ///
+    /// Exit code 0: nothing is wrong; 1: something is; 2: bad arguments.
+    ///
+    /// Example: sward-capture doctor --config /etc/sward/capture-daemon.toml
+    Doctor(DoctorArgs),
     /// Show and change the blades of the station that runs
     ///
     /// Exit code 0: done; 1: no station answers, or it refuses; 2: bad arguments or configuration.
+    ///
+    /// Example: sward-capture blades list
     #[command(subcommand)]
     Blades(BladesVerb),
+    /// Print a script that completes this command line in a shell
+    ///
+    /// Packages put it into /usr/share/bash-completion/completions/sward-capture,
+    /// /usr/share/zsh/vendor-completions/_sward-capture and
+    /// /usr/share/fish/vendor_completions.d/sward-capture.fish.
+    ///
+    /// Example: sward-capture completions bash
+    Completions {
+        /// Which shell
+        shell: Shell,
+    },
+    /// Write the man pages of all verbs and of the configuration into a folder
+    ///
+    /// Prints the path of each. Packages put those that end with .1 into /usr/share/man/man1/, the one that ends
+    /// with .5 into /usr/share/man/man5/.
+    ///
+    /// Exit code 0: done; 1: one cannot be written.
+    ///
+    /// Example: sward-capture man /tmp/man
+    Man {
+        /// The folder; made if it is not there
+        #[arg(value_name = "DIR")]
+        folder: PathBuf,
+    },
 }
 
 /// What to do with blades.
@@ -146,6 +209,8 @@ pub enum BladesVerb {
     },
     /// Put blades into the library that someone has drawn: outlines in an .svg, or a blade's own .toml
     ///
+    /// Where one of several is refused, the others are put there nevertheless.
+    ///
     /// Each closed path of a drawing is a blade, upright with its root at the bottom; an open path inside
     /// whose id begins with `midrib` is its midrib. A blade takes the name of its path, or of the group around
     /// it; one of that name is replaced, and `restore` goes back to it.
@@ -170,7 +235,7 @@ pub enum BladesVerb {
     Mix {
         /// Its name
         name: String,
-        /// Its weight, 0 or more; all have 1 at first
+        /// Its weight, times that of the others, 0 or more; all have 1 at first
         #[arg(allow_negative_numbers = true)]
         weight: f64,
         /// Which station.
@@ -218,6 +283,17 @@ pub struct PreviewArgs {
     pub station: StationArgs,
 }
 
+/// What to look after.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// Configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// One JSON object on stdout, and nothing else there
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// What to list.
 #[derive(Debug, Args)]
 pub struct ListArgs {
@@ -232,7 +308,7 @@ pub struct ListArgs {
 /// Where the configuration comes from.
 #[derive(Debug, Args)]
 pub struct ConfigArgs {
-    /// Configuration file (TOML); without it all keys have their defaults
+    /// Configuration file (TOML); without it all keys have their defaults; see capture-daemon.toml(5)
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// One key of the configuration as TOML, over the file; text needs quotes; repeatable
@@ -256,7 +332,7 @@ pub struct ReplayArgs {
     /// Write a picture of every stage of every capture into this folder
     #[arg(long, value_name = "DIR")]
     pub explain: Option<PathBuf>,
-    /// Speed in times real time, above 0 [default: as fast as the stages are]
+    /// Speed in times real time, above 0, 1000 at most [default: as fast as the stages are]
     #[arg(long, value_name = "R", conflicts_with = "realtime", value_parser = rate)]
     pub rate: Option<f64>,
     /// The same as --rate 1
@@ -297,5 +373,19 @@ fn rate(text: &str) -> Result<f64, String> {
         Ok(rate)
     } else {
         Err("expected more than 0 and at most 1000".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn every_verb_has_its_example_and_every_value_its_unit_and_range() {
+        let command = Cli::command();
+        assert_eq!(common::manual::faults(&command), Vec::<String>::new());
+        command.debug_assert();
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::future::Future;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use anyhow::Context;
 use common::protocol::{Blade, ListBladesReply, RefusedFile, ReloadReply, StationError, Status};
@@ -36,13 +36,15 @@ pub enum ClientError {
         /// The socket.
         socket: String,
         /// What the system said.
-        reason: String,
+        reason: std::io::Error,
     },
     /// It takes too long.
-    #[error("{socket}: the station does not answer within {} s; see its log, or start it anew", PATIENCE.as_secs())]
+    #[error("{socket}: the station does not answer within {patience_s} s; see its log, or start it anew")]
     Silent {
         /// The socket.
         socket: String,
+        /// How long it was waited for, seconds.
+        patience_s: f64,
     },
     /// It closes the connection.
     #[error(
@@ -93,52 +95,49 @@ impl ClientError {
     }
 }
 
-/// How long it is waited for an answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Patience {
-    /// [`PATIENCE`].
-    Short,
-    /// For something new, which may never come.
-    Endless,
-}
-
 /// A connection to a station, for calls that block.
 struct Station {
     runtime: tokio::runtime::Runtime,
     connection: zlink::tokio::unix::Connection,
     socket: String,
+    /// How long it may take to answer.
+    patience: Duration,
 }
 
 impl Station {
     fn connect(args: &StationArgs) -> anyhow::Result<Self> {
-        let socket = socket_of(args)?;
+        Self::at(&socket_of(args)?, PATIENCE)
+    }
+
+    fn at(socket: &Path, patience: Duration) -> anyhow::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
             .context("the runtime cannot be started")?;
         let shown = socket.display().to_string();
-        let connected = runtime.block_on(patiently(&shown, connect(&socket)))?;
-        let connection = connected
-            .map_err(|error| ClientError::NoStation { socket: shown.clone(), reason: error.to_string() })?;
-        Ok(Self { runtime, connection, socket: shown })
+        let connected = runtime.block_on(patiently(&shown, patience, connect(socket)))?;
+        let connection =
+            connected.map_err(|reason| ClientError::NoStation { socket: shown.clone(), reason })?;
+        Ok(Self { runtime, connection, socket: shown, patience })
     }
 
     fn call<T>(
         &mut self,
         call: impl AsyncFnOnce(&mut zlink::tokio::unix::Connection) -> zlink::Result<Result<T, StationError>>,
     ) -> Result<T, ClientError> {
-        self.call_with(Patience::Short, call)
+        self.call_with(Some(self.patience), call)
     }
 
+    /// `patience`: how long it may take to answer; `None` for something new, which may never come.
     fn call_with<T>(
         &mut self,
-        patience: Patience,
+        patience: Option<Duration>,
         call: impl AsyncFnOnce(&mut zlink::tokio::unix::Connection) -> zlink::Result<Result<T, StationError>>,
     ) -> Result<T, ClientError> {
-        let Self { runtime, connection, socket } = self;
+        let Self { runtime, connection, socket, .. } = self;
         let answer = match patience {
-            Patience::Short => runtime.block_on(patiently(socket, call(connection)))?,
-            Patience::Endless => runtime.block_on(call(connection)),
+            Some(patience) => runtime.block_on(patiently(socket, patience, call(connection)))?,
+            None => runtime.block_on(call(connection)),
         };
         match answer {
             Ok(answer) => answer.map_err(ClientError::Refused),
@@ -163,9 +162,14 @@ async fn connect(socket: &Path) -> std::io::Result<zlink::tokio::unix::Connectio
     }
 }
 
-async fn patiently<T>(socket: &str, future: impl Future<Output = T>) -> Result<T, ClientError> {
-    let silent = |_| ClientError::Silent { socket: socket.to_owned() };
-    tokio::time::timeout(PATIENCE, future).await.map_err(silent)
+async fn patiently<T>(
+    socket: &str,
+    patience: Duration,
+    future: impl Future<Output = T>,
+) -> Result<T, ClientError> {
+    let patience_s = patience.as_secs_f64();
+    let silent = |_| ClientError::Silent { socket: socket.to_owned(), patience_s };
+    tokio::time::timeout(patience, future).await.map_err(silent)
 }
 
 fn socket_of(args: &StationArgs) -> anyhow::Result<PathBuf> {
@@ -175,22 +179,32 @@ fn socket_of(args: &StationArgs) -> anyhow::Result<PathBuf> {
     }
 }
 
+/// What the station at `socket` is doing.
+///
+/// # Errors
+/// When none answers within `patience`.
+pub(crate) fn status_of(socket: &Path, patience: Duration) -> anyhow::Result<Status> {
+    Ok(Station::at(socket, patience)?.call(async |station| station.get_status().await)?.status)
+}
+
 /// `sward-capture status`.
 ///
 /// # Errors
 /// When no station answers, or stdout cannot be written.
 pub fn status(args: &StatusArgs) -> anyhow::Result<()> {
     let mut station = Station::connect(&args.station)?;
+    let mut before: Option<Status> = None;
     loop {
         let status = station.call(async |station| station.get_status().await)?.status;
         let text = if args.json {
             json(&status)?
         } else if args.watch {
-            status_line(&status)
+            status_line(&status, before.as_ref())
         } else {
             status_page(&status)
         };
         print(&text)?;
+        before = Some(status);
         if !args.watch {
             return Ok(());
         }
@@ -307,7 +321,7 @@ fn show(name: &str, args: &ListArgs) -> anyhow::Result<()> {
     writeln!(text, "quality   {}", blade.quality)?;
     writeln!(text, "mix       {}", blade.mix)?;
     writeln!(text, "pinned    {}", if blade.pinned { "yes" } else { "no" })?;
-    writeln!(text, "captured  {} ns since 1970", blade.captured_unix_ns)?;
+    writeln!(text, "captured  {}", utc(blade.captured_unix_ns))?;
     writeln!(text, "source    {}", blade.source.as_deref().unwrap_or("made by hand"))?;
     if let Some(frames) = blade.frames {
         writeln!(text, "frames    {frames}")?;
@@ -322,19 +336,35 @@ fn json(value: &impl Serialize) -> anyhow::Result<String> {
     Ok(serde_json::to_string(value).context("the reply cannot be written as JSON")? + "\n")
 }
 
-fn status_line(status: &Status) -> String {
-    let Status { state, frames_per_second, frames, skipped_frames, captures, blades, store, .. } = status;
+/// Nanoseconds since 1970 as a date and time of day in UTC (RFC 3339), to the millisecond.
+fn utc(unix_ns: i64) -> String {
+    let time = SystemTime::UNIX_EPOCH + Duration::from_nanos(u64::try_from(unix_ns).unwrap_or(0));
+    humantime::format_rfc3339_millis(time).to_string()
+}
+
+/// A line of `status --watch`: rates, counts, and what was dropped and skipped since the line before.
+fn status_line(status: &Status, before: Option<&Status>) -> String {
+    let Status { state, frames_per_second, frames, captures, blades, store, .. } = status;
+    let since = |count: fn(&Status) -> i64| {
+        let now = count(status);
+        let more = before.map_or(0, |before| now - count(before));
+        if more == 0 { now.to_string() } else { format!("{now} ({more:+})") }
+    };
+    let dropped = since(|status| status.dropped_frames);
+    let skipped = since(|status| status.skipped_frames);
     format!(
-        "{state:8}  {frames_per_second:6.1} frames/s  {frames} frames  {skipped_frames} skipped  {captures} captures  {blades} blades  store {store}\n"
+        "{state:8}  {frames_per_second:6.1} frames/s  {frames} frames  {dropped} dropped  {skipped} skipped  {captures} captures  {blades} blades  store {store}\n"
     )
 }
 
 fn status_page(status: &Status) -> String {
-    let Status { state, source, frames, skipped_frames, frames_per_second, captures, .. } = status;
-    let Status { blades, generation, store, waiting, lost, refused_files, clients, config, version, .. } =
-        status;
+    let Status { state, source, frames, skipped_frames, dropped_frames, frames_per_second, .. } = status;
+    let Status { captures, blades, generation, store, waiting, lost, refused_files, .. } = status;
+    let Status { clients, config, version, .. } = status;
     let mut text = format!(
-        "state     {state}\nsource    {source}\nframes    {frames} seen, {skipped_frames} skipped, {frames_per_second:.1} a second\n\
+        "state     {state}\nsource    {source}\nframes    {frames} seen, {frames_per_second:.1} a second\n\
+         dropped   {dropped_frames} frames, which came faster than the stages are\n\
+         skipped   {skipped_frames} frames, which could not be read or used\n\
          captures  {captures}\nlibrary   {blades} blades, generation {generation}\nstore     {store}\n"
     );
     if *waiting > 0 {
@@ -347,4 +377,17 @@ fn status_page(status: &Status) -> String {
         text += &format!("refused   {refused_files} files; sward-capture blades list names them\n");
     }
     text + &format!("clients   {clients}\nconfig    {config}\nversion   {version}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_is_a_date_of_utc() {
+        assert_eq!(utc(1_700_000_001_033_333_323), "2023-11-14T22:13:21.033Z");
+        assert_eq!(utc(0), "1970-01-01T00:00:00.000Z");
+        assert_eq!(utc(-1), "1970-01-01T00:00:00.000Z");
+        assert!(utc(i64::MAX).starts_with("2262-"));
+    }
 }

@@ -2,7 +2,6 @@
 //! take another configuration, and end.
 
 use std::os::unix::net::UnixListener;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
@@ -11,6 +10,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::Context;
 use common::protocol::{ReloadReply, StationError, Status};
 use sd_notify::NotifyState;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc as async_mpsc, oneshot, watch};
 
@@ -21,8 +22,6 @@ use crate::keeper::{self, Announcements, Holdings, Job, Keeper, Outcome};
 use crate::service::{Access, Previews, ReloadOrder, Service, Socket, passed_socket};
 use crate::store::Store;
 
-/// Where blades are kept when nothing says otherwise.
-const STATE_DIRECTORY: &str = "/var/lib/sward";
 /// How often systemd's status line is brought up to date.
 const STATUS_EVERY: Duration = Duration::from_secs(2);
 
@@ -52,7 +51,15 @@ struct EndSignals {
 }
 
 impl EndSignals {
+    /// From now on the second of these signals ends the process at once, whatever its threads wait for.
     fn new() -> anyhow::Result<Self> {
+        let is_asked = Arc::new(AtomicBool::new(false));
+        for kind in [SIGTERM, SIGINT] {
+            // In this order: the signal that sets the flag does not find it set.
+            flag::register_conditional_shutdown(kind, 1, Arc::clone(&is_asked))
+                .and_then(|_| flag::register(kind, Arc::clone(&is_asked)))
+                .context("the signals that end the station cannot be handled")?;
+        }
         let terminate = heed(SignalKind::terminate(), "SIGTERM")?;
         Ok(Self { terminate, interrupt: heed(SignalKind::interrupt(), "SIGINT")? })
     }
@@ -164,11 +171,6 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
         }
     };
     tell_systemd(&[NotifyState::Stopping]);
-    tokio::task::spawn_local(async move {
-        let name = ends.next().await;
-        tracing::warn!("{name}, the second signal: ending at once");
-        std::process::exit(1);
-    });
     stop.store(true, Ordering::Relaxed);
     let frames = frames.join().await;
     // The keeper empties its queue: what was captured before the end is kept.
@@ -198,16 +200,10 @@ async fn listen(passed: Option<UnixListener>, config: &Config) -> anyhow::Result
 }
 
 async fn open_store(config: &Config) -> anyhow::Result<Store> {
-    let folder = config.store.directory.clone().unwrap_or_else(|| {
-        // systemd gives a list, of which the first is the service's own.
-        let given = std::env::var("STATE_DIRECTORY").unwrap_or_default();
-        match given.split(':').next() {
-            Some(first) if !first.is_empty() => PathBuf::from(first),
-            _ => PathBuf::from(STATE_DIRECTORY),
-        }
-    });
+    let folder = config.store.folder(std::env::var("STATE_DIRECTORY").ok().as_deref());
+    let archive_max = config.store.archive_max;
     let now_us = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_micros() as u64);
-    let opened = tokio::task::spawn_blocking(move || Store::open(&folder, now_us)).await;
+    let opened = tokio::task::spawn_blocking(move || Store::open(&folder, now_us, archive_max)).await;
     Ok(opened.context("the store cannot be opened")??)
 }
 
@@ -223,6 +219,7 @@ fn first_status(source: String, config: &Config) -> Status {
         frames: 0,
         captures: 0,
         skipped_frames: 0,
+        dropped_frames: 0,
         frames_per_second: 0.0,
         source,
         store: "ok".to_owned(),

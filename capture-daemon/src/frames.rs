@@ -1,5 +1,5 @@
 //! The frame thread: frames from the source through the session, captures to the keeper. Its own
-//! progress feeds systemd's watchdog.
+//! progress feeds systemd's watchdog: a source that is silent or hangs does not stop it, a stage that hangs does.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,10 +10,10 @@ use common::protocol::{CaptureReply, StationError, Status};
 use tokio::sync::{oneshot, watch};
 
 use crate::config::Config;
+use crate::feed::Feed;
 use crate::keeper::{Job, Outcome};
 use crate::preview::{Look, Previewer};
 use crate::recording::{self, OpenError};
-use crate::replay::Pace;
 use crate::session::{Capture, Session, SessionParams};
 use crate::source::{FrameSource, SourceError};
 use crate::stages::blade::CapturedBlade;
@@ -29,6 +29,8 @@ const TICK: Duration = Duration::from_millis(200);
 const RATE_WINDOW: Duration = Duration::from_secs(1);
 /// How long it is waited, at most, before a recording that cannot be played again is tried once more.
 const LONGEST_RETRY: Duration = Duration::from_secs(60);
+/// How often, at most, the log says what recurs.
+const SAY_EVERY: Duration = Duration::from_secs(60);
 
 /// What the frame thread is asked to do.
 #[derive(Debug)]
@@ -77,6 +79,25 @@ impl Watchdog {
     }
 }
 
+/// Something that may happen with every frame, and is said once in a while with how often it did.
+#[derive(Debug, Default)]
+struct Recurring {
+    said: Option<Instant>,
+    unsaid: u64,
+}
+
+impl Recurring {
+    /// Counts; how many to tell of, if it is time to.
+    fn count(&mut self, more: u64) -> Option<u64> {
+        self.unsaid += more;
+        let is_time = self.said.is_none_or(|said| said.elapsed() >= SAY_EVERY);
+        (self.unsaid > 0 && is_time).then(|| {
+            self.said = Some(Instant::now());
+            std::mem::take(&mut self.unsaid)
+        })
+    }
+}
+
 /// Frames in the last second or so.
 #[derive(Debug)]
 struct Rate {
@@ -101,6 +122,8 @@ pub(crate) struct Frames {
     asked: Option<oneshot::Sender<Outcome<CaptureReply>>>,
     watchdog: Watchdog,
     rate: Rate,
+    dropped: Recurring,
+    skipped: Recurring,
 }
 
 impl Frames {
@@ -129,6 +152,8 @@ impl Frames {
             asked: None,
             watchdog: Watchdog::new(),
             rate: Rate { since: Instant::now(), frames: 0 },
+            dropped: Recurring::default(),
+            skipped: Recurring::default(),
         }
     }
 
@@ -176,48 +201,54 @@ impl Frames {
     }
 
     /// Plays a source to its end: whether it was its proper end; `None` when told to stop.
-    fn play(&mut self, mut source: Source) -> Option<bool> {
+    fn play(&mut self, source: Source) -> Option<bool> {
         // A recording's clock steps back where it begins again, so the session begins anew too.
         self.session = Session::new(self.params.clone());
         self.previewer.begin();
         self.source_name = source.describe();
+        let feed = match Feed::start(source, self.config.source.rate) {
+            Ok(feed) => feed,
+            Err(error) => {
+                tracing::error!(%error, "the thread of the source cannot be started");
+                return Some(false);
+            }
+        };
         self.has_source = true;
-        let rate = self.config.source.rate;
-        let mut pace = (rate > 0.0).then(|| Pace::new(rate));
         loop {
-            let frame = match source.next_frame() {
-                Ok(frame) => frame,
-                Err(SourceError::BadFrame(reason)) => {
-                    tracing::debug!(reason, "a frame was skipped");
-                    self.status.send_modify(|status| status.skipped_frames += 1);
-                    if !self.attend(Duration::ZERO) {
-                        return None;
+            // What was ordered before a frame holds for it.
+            if !self.attend(Duration::ZERO) {
+                return None;
+            }
+            let given = feed.next(TICK);
+            self.count_dropped(feed.take_dropped());
+            match given {
+                Ok(Ok(frame)) => {
+                    let capture = self.session.push(&frame).map(Arc::new);
+                    if let Some(capture) = &capture {
+                        self.deliver(capture);
+                    } else if self.session.state() == State::Waiting {
+                        self.answer(Err(StationError::NothingHeld));
                     }
-                    continue;
+                    self.previewer.frame(frame, &self.session, capture);
+                    self.count_frame();
                 }
-                Err(SourceError::End) => {
+                Ok(Err(SourceError::BadFrame(reason))) => self.count_skipped(&reason),
+                Ok(Err(SourceError::End)) => {
                     if !self.config.source.looped {
                         tracing::info!("the recording is over");
                     }
-                    return self.attend(Duration::ZERO).then_some(true);
+                    return Some(true);
                 }
-                Err(SourceError::Failed(reason)) => {
+                Ok(Err(SourceError::Failed(reason))) => {
                     tracing::error!(reason, "the recording cannot be read further");
                     return Some(false);
                 }
-            };
-            let wait = pace.as_mut().map_or(Duration::ZERO, |pace| pace.wait(frame.timestamp_ns));
-            if !self.attend(wait) {
-                return None;
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => {
+                    tracing::error!("the thread of the source ended by itself; see the log above");
+                    return Some(false);
+                }
             }
-            let capture = self.session.push(&frame).map(Arc::new);
-            if let Some(capture) = &capture {
-                self.deliver(capture);
-            } else if self.session.state() == State::Waiting {
-                self.answer(Err(StationError::NothingHeld));
-            }
-            self.previewer.frame(frame, &self.session, capture);
-            self.count_frame();
         }
     }
 
@@ -260,6 +291,22 @@ impl Frames {
         if let Some(asked) = self.asked.take() {
             // Who asked may have left.
             let _ = asked.send(outcome);
+        }
+    }
+
+    fn count_dropped(&mut self, more: u64) {
+        if more > 0 {
+            self.status.send_modify(|status| status.dropped_frames += more.cast_signed());
+        }
+        if let Some(frames) = self.dropped.count(more) {
+            tracing::warn!(frames, "frames were dropped: they come faster than the stages are");
+        }
+    }
+
+    fn count_skipped(&mut self, reason: &str) {
+        self.status.send_modify(|status| status.skipped_frames += 1);
+        if let Some(frames) = self.skipped.count(1) {
+            tracing::warn!(frames, reason, "frames were skipped: they cannot be read or used");
         }
     }
 
@@ -337,5 +384,22 @@ impl Frames {
                 config: Some(self.config_hash.clone()),
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_recurs_is_said_at_once_and_then_added_up() {
+        let mut recurring = Recurring::default();
+        assert_eq!(recurring.count(0), None, "there is nothing to say");
+        assert_eq!(recurring.count(3), Some(3));
+        assert_eq!(recurring.count(1), None);
+        assert_eq!(recurring.count(1), None);
+        recurring.said = Instant::now().checked_sub(SAY_EVERY);
+        assert_eq!(recurring.count(0), Some(2));
+        assert_eq!(recurring.count(0), None);
     }
 }

@@ -5,9 +5,10 @@ use std::process::ExitCode;
 use capture_daemon::cli::{Cli, ConfigArgs, Verb};
 use capture_daemon::client::ClientError;
 use capture_daemon::config::{self, Config, ConfigError};
-use capture_daemon::{client, daemon, logging, recording, replay, synth};
-use clap::Parser;
+use capture_daemon::{client, daemon, doctor, logging, recording, replay, synth};
 use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser};
+use common::manual;
 use common::sentence::{complain, of_causes, of_paragraphs, print};
 
 /// How it calls itself.
@@ -63,8 +64,16 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
         Verb::CheckConfig(args) => load(args).map(drop),
         Verb::Status(args) => client::status(args),
         Verb::Preview(args) => client::preview(args),
+        Verb::Doctor(args) => doctor::doctor(args),
         Verb::Reload(args) => client::reload(args),
         Verb::Blades(verb) => client::blades(verb),
+        Verb::Completions { shell } => Ok(print(&manual::completions(Cli::command(), *shell))?),
+        Verb::Man { folder } => {
+            let mut pages = manual::pages(Cli::command())?;
+            pages.push(config::manual::page());
+            let paths = manual::write_pages(folder, &pages)?;
+            Ok(print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>())?)
+        }
     }
 }
 

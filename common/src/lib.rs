@@ -6,6 +6,7 @@
 pub mod blade;
 pub mod geometry;
 pub mod library;
+pub mod manual;
 pub mod preview;
 pub mod protocol;
 pub mod refine;

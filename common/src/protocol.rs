@@ -8,6 +8,9 @@ pub const DEFINITION: &str = include_str!("io.sward.Station.varlink");
 /// Largest snapshot that a receiver accepts: header, 4096 records, 4096 × 64 knots.
 pub const MAX_SNAPSHOT_BYTES: u64 = 64 + 4096 * 128 + 4096 * 64 * 32;
 
+/// Longest message that the station reads, bytes of JSON.
+pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;
+
 /// The reply of `GetLibrary`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, introspect::Type)]
 #[zlink(crate = "zlink_core")]
@@ -56,6 +59,8 @@ pub struct Status {
     pub captures: i64,
     /// Frames that could not be read or used.
     pub skipped_frames: i64,
+    /// Frames that came while the stages were behind: the queue to them was full.
+    pub dropped_frames: i64,
     /// Over the last second or so.
     pub frames_per_second: f64,
     /// Where the frames come from.

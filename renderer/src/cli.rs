@@ -3,14 +3,27 @@
 use std::path::PathBuf;
 
 use clap::Parser;
+use common::library::layout::MAX_BLADES;
+use common::manual::Shell;
 use glam::Vec2;
 
 use crate::frame::View;
 use crate::scene::camera::Camera;
 
-/// Grows a meadow from the blades that the capture station has in its library.
+/// Grows a meadow from the blades that the capture station has in its library
+///
+/// In a window, which Esc or Q closes, or as pictures. While no station answers, it shows the meadow that it had
+/// last and tries again.
+///
+/// Exit code 0: done; 1: something prevents drawing; 2: bad arguments.
+///
+/// Example: sward-render --fullscreen
+///
+/// Example: sward-render --library meadow.sward --size 1920x1080
+///
+/// Example: sward-render --headless --out pictures --frames 30 --wait-blades 1
 #[derive(Clone, Debug, Parser)]
-#[command(version, after_help = EXAMPLES)]
+#[command(name = "sward-render", version, max_term_width = 100)]
 pub struct Cli {
     /// The capture station's socket; new blades grow as soon as they are captured
     #[arg(long, value_name = "PATH", env = "SWARD_SOCKET", default_value = "/run/sward/station.sock")]
@@ -28,24 +41,25 @@ pub struct Cli {
     #[arg(long, value_name = "DIR", requires = "headless")]
     pub out: Option<PathBuf>,
 
-    /// Number of pictures, 1/30 s of the meadow's time apart
+    /// Number of pictures, 1 or more, 1/30 s of the meadow's time apart
     #[arg(long, value_name = "N", default_value_t = 1, requires = "headless",
           value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: u32,
 
-    /// Size of the picture or window, pixels
+    /// Size of the picture or window, columns and rows in pixels, each 16 to 8192
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
     pub size: (u32, u32),
 
-    /// Before the first picture, wait until the station's library holds this many blades
-    #[arg(long, value_name = "N", default_value_t = 0, requires = "headless", conflicts_with = "library")]
+    /// Before the first picture, wait until the station's library holds so many blades, 0 to 4096
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "headless", conflicts_with = "library",
+          value_parser = parse_blades)]
     pub wait_blades: usize,
 
-    /// How long to wait for these blades, seconds
+    /// How long to wait for these blades, seconds, 0 to 1000000
     #[arg(long, value_name = "S", default_value_t = 30.0, requires = "headless", value_parser = parse_number)]
     pub timeout_secs: f32,
 
-    /// Seconds of the meadow's time for each second; 0 holds the wind still
+    /// Seconds of the meadow's time for each second, 0 to 1000000; 0 holds the wind still
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_number)]
     pub time_scale: f32,
 
@@ -53,15 +67,15 @@ pub struct Cli {
     #[arg(long, conflicts_with = "headless")]
     pub fullscreen: bool,
 
-    /// Height of the eye above the ground, metres
+    /// Height of the eye above the ground, metres, 0 to 1000000
     #[arg(long, value_name = "M", default_value_t = 0.42, value_parser = parse_number)]
     pub eye_height_m: f32,
 
-    /// Where the eye looks, degrees clockwise from -z seen from above
+    /// Where the eye looks, degrees clockwise from -z seen from above, -360 to 360
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = parse_signed)]
     pub heading_deg: f32,
 
-    /// Where the eye looks, degrees above the horizon
+    /// Where the eye looks, degrees above the horizon, -360 to 360
     #[arg(long, value_name = "DEG", default_value_t = -7.0, allow_negative_numbers = true, value_parser = parse_signed)]
     pub pitch_deg: f32,
 
@@ -69,21 +83,18 @@ pub struct Cli {
     #[arg(long, value_name = "DEG", default_value_t = 48.0, value_parser = parse_fov)]
     pub fov_deg: f32,
 
-    /// Where the sun stands: heading and elevation, degrees
+    /// Where the sun stands: heading, -360 to 360, and elevation, 1 to 90, degrees
     #[arg(long, value_name = "DEG,DEG", default_value = "46,24", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun_deg: Vec2,
-}
 
-const EXAMPLES: &str = "\
-Examples:
-  sward-render --fullscreen
-      the meadow of the station on this machine
-  sward-render --library meadow.sward --size 1920x1080
-      the meadow of a snapshot, in a window
-  sward-render --headless --out pictures --frames 30 --wait-blades 1
-      one second of the meadow as PNGs, once a blade is captured
-Keys: Esc or Q ends.
-Exit status: 0 done; 1 anything that prevents drawing; 2 bad arguments.";
+    /// Print a script that completes this command line in a shell, and end
+    #[arg(long, value_name = "SHELL", exclusive = true)]
+    pub completions: Option<Shell>,
+
+    /// Write the man page into this folder, which is made if it is not there, and end
+    #[arg(long, value_name = "DIR", exclusive = true)]
+    pub man: Option<PathBuf>,
+}
 
 impl Cli {
     /// The view at `time_s` seconds of the meadow's time.
@@ -113,6 +124,11 @@ fn number_in(text: &str, range: std::ops::RangeInclusive<f32>) -> Result<f32, St
     number.ok_or_else(|| format!("expected a number from {} to {}", range.start(), range.end()))
 }
 
+fn parse_blades(text: &str) -> Result<usize, String> {
+    let blades = text.parse().ok().filter(|blades| *blades <= MAX_BLADES);
+    blades.ok_or_else(|| format!("expected a whole number from 0 to {MAX_BLADES}"))
+}
+
 fn parse_number(text: &str) -> Result<f32, String> {
     number_in(text, 0.0..=1e6)
 }
@@ -135,9 +151,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_is_consistent() {
+    fn every_value_has_its_unit_and_range() {
         use clap::CommandFactory;
-        Cli::command().debug_assert();
+        let command = Cli::command();
+        assert_eq!(common::manual::faults(&command), Vec::<String>::new());
+        command.debug_assert();
     }
 
     #[test]
@@ -154,6 +172,8 @@ mod tests {
             &["--frames", "2"],
             &["--headless", "--out", "d", "--frames", "0"],
             &["--headless", "--out", "d", "--library", "f", "--wait-blades", "1"],
+            &["--headless", "--out", "d", "--wait-blades", "4097"],
+            &["--completions", "bash", "--fullscreen"],
         ] {
             assert!(parse(args).is_err(), "{args:?}");
         }

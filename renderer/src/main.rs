@@ -3,7 +3,8 @@
 use std::io::IsTerminal;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
+use common::manual;
 use common::sentence::{complain, of_causes, of_paragraphs, print};
 use renderer::cli::Cli;
 use renderer::{app, headless};
@@ -41,12 +42,22 @@ fn main() -> ExitCode {
         .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr)
         .init();
-    let done = if cli.headless { headless::run(&cli) } else { app::run(&cli) };
-    match done {
+    match perform(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             complain(PROGRAM, &of_causes(error.chain()));
             ExitCode::from(FAILED)
         }
     }
+}
+
+fn perform(cli: &Cli) -> anyhow::Result<()> {
+    if let Some(shell) = cli.completions {
+        return Ok(print(&manual::completions(Cli::command(), shell))?);
+    }
+    if let Some(folder) = &cli.man {
+        let paths = manual::write_pages(folder, &manual::pages(Cli::command())?)?;
+        return Ok(print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>())?);
+    }
+    if cli.headless { headless::run(cli) } else { app::run(cli) }
 }

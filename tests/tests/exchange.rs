@@ -57,6 +57,7 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
     done(&["restore", "fern"]);
     assert!((width_mm("fern") - 9.0).abs() < 0.2, "{} mm", width_mm("fern"));
 
+    assert!(done(&["show", "fern"]).contains("captured  20"), "a date: {}", done(&["show", "fern"]));
     let own = daemon.blades().join("fern.toml").display().to_string();
     fs::copy(own, file("moss.toml")).expect("room");
     let twice = run(&["import", &file("moss.toml")]);
@@ -66,6 +67,24 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
     fs::write(file("moss.toml"), without_id.join("\n")).expect("room");
     done(&["import", &file("moss.toml"), "--name", "lichen"]);
     assert!((width_mm("lichen") - width_mm("fern")).abs() < 1e-6);
+
+    // Of several blades, those that are none do not keep out the others.
+    let several =
+        drawing("a", 5.0).replace("</svg>", "<path id='.' d='M80 110 L 84 60 L 80 10 L 76 60 Z'/></svg>");
+    let several =
+        several.replace("<path id='a'", "<path id='..' d='M20 110 L 24 60 L 20 10 L 16 60 Z'/><path id='a'");
+    fs::write(file("several.svg"), several).expect("room");
+    let some = run(&["import", &file("several.svg")]);
+    assert_eq!(some.code, Some(1), "{some:?}");
+    assert!(
+        some.stderr.contains("several.svg: 2 of its 3 blades were not put") && some.stderr.ends_with("it.\n")
+    );
+    assert_eq!(some.stderr.lines().count(), 1, "{some:?}");
+    assert!((width_mm("a") - 7.5).abs() < 0.2, "{} mm", width_mm("a"));
+
+    // Longer than the station reads: it is said here, before the station hangs up.
+    let own = without_id.join("\n");
+    fs::write(file("long.toml"), format!("# {}\n{own}", "moss ".repeat(20_000))).expect("room");
 
     fs::write(file("text.svg"), "<svg xmlns='http://www.w3.org/2000/svg'><text>no</text></svg>")
         .expect("room");
@@ -78,6 +97,7 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
         (vec!["export", &file("out.svg"), "heather"], 1, "heather"),
         (vec!["import", &file("text.svg")], 2, "closed path"),
         (vec!["import", &file("bad.toml")], 1, "bad:2"),
+        (vec!["import", &file("long.toml")], 2, "expected 65536 at most; take comments"),
         (vec!["import", &file("fern.svg"), "--name", "a/b"], 2, "slash"),
         (vec!["import", &file("fern.svg"), "--length-mm", "0"], 2, "1 to 10000"),
         (vec!["import", &file("moss.toml"), "--length-mm", "9"], 2, "--length-mm"),

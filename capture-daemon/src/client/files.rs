@@ -6,8 +6,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
 use common::blade::Blade;
-use common::protocol::StationError;
+use common::protocol::{MAX_MESSAGE_BYTES, StationError};
 use common::station::{self, StationProxy};
+use serde_json::json;
 
 use super::{ClientError, Station};
 use crate::cli::StationArgs;
@@ -108,11 +109,45 @@ pub(super) fn import(
         return Err(bad(format!("it holds {} blades; --name is for a single one", blades.len())).into());
     }
     let mut station = Station::connect(args)?;
-    for (own, text) in &blades {
+    let mut put = |own: &str, text: &str| {
         let name = name.unwrap_or(own);
-        station.call(async |station| station.put_blade(name, text).await)?;
+        fits(name, text).map_err(&bad)?;
+        station.call(async |station| station.put_blade(name, text).await)
+    };
+    if let [(own, text)] = &blades[..] {
+        return Ok(put(own, text)?);
     }
-    Ok(())
+    let mut failed = Vec::new();
+    for (own, text) in &blades {
+        match put(own, text) {
+            Ok(()) => {}
+            Err(error @ (ClientError::Refused(_) | ClientError::BadFile { .. })) => {
+                failed.push(format!("{own:?}: {error}"));
+            }
+            // No other call would be answered.
+            Err(error) => return Err(error).context(format!("{shown}: {own:?} and what follows is not put")),
+        }
+    }
+    if failed.is_empty() {
+        return Ok(());
+    }
+    let (number, all, reasons) = (failed.len(), blades.len(), failed.join("; "));
+    bail!(
+        "{shown}: {number} of its {all} blades were not put into the library: {reasons}; the others are in it"
+    )
+}
+
+/// Whether the station reads a message as long as the one that puts this blade.
+fn fits(name: &str, text: &str) -> Result<(), String> {
+    let message = json!({"method": "io.sward.Station.PutBlade", "parameters": {"name": name, "text": text}});
+    let bytes = message.to_string().len();
+    if bytes <= MAX_MESSAGE_BYTES {
+        return Ok(());
+    }
+    Err(format!(
+        "as a message to the station it is {bytes} bytes, expected {MAX_MESSAGE_BYTES} at most; take comments and \
+         what is no key of a blade out of it, or put the file into blades/ of the state directory"
+    ))
 }
 
 fn record(blade: Blade, source: &str) -> Record {

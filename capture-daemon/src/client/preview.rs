@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 use std::path::Path;
+use std::time::Duration;
 
 use anyhow::Context;
 use common::preview::{CaptureNote, HAND, Header, PolylineKind, Preview, SEEN, State};
@@ -11,7 +12,7 @@ use common::station::{self, StationProxy};
 use glam::Vec2;
 use tiny_skia::{Color, FilterQuality, Pixmap, PixmapPaint, PremultipliedColorU8, Transform};
 
-use super::{Patience, Station, files};
+use super::{PATIENCE, Station, files};
 use crate::cli::PreviewArgs;
 use crate::explain::picture::{Picture, WHITE, hue};
 
@@ -24,7 +25,7 @@ const LONGEST_SIDE: f32 = 1400.0;
 /// When no station answers, it refuses, what it sends is no preview, or the picture or stdout cannot be written.
 pub fn preview(args: &PreviewArgs) -> anyhow::Result<()> {
     let mut station = Station::connect(&args.station)?;
-    let mut preview = next(&mut station, 0, Patience::Short)?;
+    let mut preview = next(&mut station, 0, Some(PATIENCE))?;
     if !args.watch {
         print(&page(&preview))?;
         return args.out.as_deref().map_or(Ok(()), |out| write(out, &preview));
@@ -40,12 +41,16 @@ pub fn preview(args: &PreviewArgs) -> anyhow::Result<()> {
             said = line;
         }
         let after = preview.header().sequence.cast_signed();
-        preview = next(&mut station, after, Patience::Endless)?;
+        preview = next(&mut station, after, None)?;
     }
 }
 
 /// The newest preview that is another than `after`.
-fn next(station: &mut Station, after: i64, patience: Patience) -> anyhow::Result<Preview<SealedBytes>> {
+fn next(
+    station: &mut Station,
+    after: i64,
+    patience: Option<Duration>,
+) -> anyhow::Result<Preview<SealedBytes>> {
     let (reply, descriptors) = station.call_with(patience, async |station| {
         let (reply, descriptors) = station.get_preview(after).await?;
         Ok(reply.map(|reply| (reply, descriptors)))

@@ -62,6 +62,8 @@ fn the_service_s_keys_are_in_their_ranges() {
     assert!(error("service.watch = [\"@\"]").contains("`service.watch`"));
     assert!(error("service.max_connections = 1").contains("expected 2 to 10000"));
     assert!(error("store.directory = \"\"").contains("`store.directory`"));
+    assert!(error("store.archive_max = 100001").contains("expected 0 to 100000"));
+    assert!(error("store.archive_max = -1").contains("expected a whole number, 0 or more"));
 }
 
 #[test]
@@ -72,8 +74,20 @@ fn differences_are_named_and_the_hash_follows_what_a_capture_goes_by() {
     assert_eq!(before.differences(&after), ["mask.near_m", "service.socket"]);
     assert!(Config::is_live("mask.near_m") && !Config::is_live("service.socket"));
     assert_ne!(before.capture_hash(), after.capture_hash());
-    let elsewhere = Config { store: StoreConfig { directory: Some("/tmp/s".into()) }, ..before.clone() };
+    let elsewhere = StoreConfig { directory: Some("/tmp/s".into()), ..StoreConfig::default() };
+    let elsewhere = Config { store: elsewhere, ..before.clone() };
     assert_eq!(before.capture_hash(), elsewhere.capture_hash());
+}
+
+#[test]
+fn the_state_directory_is_the_configurations_then_systemds() {
+    let folder = |store: &StoreConfig, given| store.folder(given).display().to_string();
+    let unset = StoreConfig::default();
+    assert_eq!(folder(&unset, None), "/var/lib/sward");
+    assert_eq!(folder(&unset, Some("")), "/var/lib/sward");
+    assert_eq!(folder(&unset, Some("/var/lib/private/sward:/var/lib/other")), "/var/lib/private/sward");
+    let set = StoreConfig { directory: Some("/tmp/s".into()), ..unset };
+    assert_eq!(folder(&set, Some("/var/lib/other")), "/tmp/s");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::io;
 use std::os::fd::AsFd;
 use std::time::Duration;
 
+use common::protocol::MAX_MESSAGE_BYTES;
 use serde_json::{Value, json};
 use tokio::io::Interest;
 use tokio::net::UnixStream;
@@ -13,8 +14,6 @@ use zlink::connection::socket::{ReadHalf, WriteHalf};
 use super::call::Message;
 use super::{Peer, Service};
 
-/// Longest message that is read.
-const MAX_MESSAGE_BYTES: usize = 64 * 1024;
 /// How long a client may take to take a reply.
 const SEND_DEADLINE: Duration = Duration::from_secs(10);
 

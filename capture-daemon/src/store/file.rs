@@ -37,6 +37,11 @@ impl Signature {
         })
     }
 
+    /// When the file was last changed or moved, seconds and nanoseconds since 1970.
+    pub(crate) fn changed(&self) -> (i64, i64) {
+        self.changed
+    }
+
     /// When the file's content was last changed, nanoseconds since 1970.
     pub(crate) fn modified_unix_ns(&self) -> u64 {
         let (seconds, nanoseconds) = self.modified;

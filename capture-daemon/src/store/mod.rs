@@ -3,7 +3,7 @@
 //! ```text
 //! <directory>/blades/NAME.toml            what the library holds
 //!             history/NAME/000001.toml    earlier blades of a name, and removed ones
-//!             archive/NAME/000001.toml    what had to go when the library was full
+//!             archive/NAME/000001.toml    what had to go when the library was full, up to `store.archive_max`
 //!             generation                  above every generation that was announced
 //! ```
 //!
@@ -13,6 +13,7 @@
 //!
 //! The store knows no clock, thread or channel: the keeper's thread gives it its turns.
 
+pub(crate) mod archive;
 pub(crate) mod file;
 pub(crate) mod generation;
 mod load;
@@ -28,6 +29,7 @@ use std::path::{Path, PathBuf};
 use common::blade::{Blade, BladeId};
 use common::library::layout::MAX_BLADES;
 
+use archive::Archive;
 use file::{SUFFIX, Signature, make_folder, shelve, write_atomically};
 use generation::Generation;
 use record::Record;
@@ -134,23 +136,24 @@ pub(crate) struct Store {
     generation: Generation,
     next_sequence: u64,
     capacity: usize,
+    archive: Archive,
 }
 
 impl Store {
     /// Opens `folder`, makes it where it is not there yet, and reads all blades. `now_us`: the clock,
-    /// microseconds since 1970.
+    /// microseconds since 1970. `archive_max`: blades that the archive holds at most.
     ///
     /// A folder that cannot be made or written is no error: what can be read is served, and
     /// [`Self::prepare`] tries again.
     ///
     /// # Errors
     /// When another station has it, or what is there cannot be read.
-    pub(crate) fn open(folder: &Path, now_us: u64) -> Result<Self, OpenError> {
-        Self::open_with(folder, now_us, MAX_BLADES)
+    pub(crate) fn open(folder: &Path, now_us: u64, archive_max: usize) -> Result<Self, OpenError> {
+        Self::open_with(folder, now_us, MAX_BLADES, archive_max)
     }
 
     /// The same with room for `capacity` blades.
-    fn open_with(folder: &Path, now_us: u64, capacity: usize) -> Result<Self, OpenError> {
+    fn open_with(folder: &Path, now_us: u64, capacity: usize, archive_max: usize) -> Result<Self, OpenError> {
         let mut store = Self {
             folder: folder.to_path_buf(),
             lock: None,
@@ -162,6 +165,7 @@ impl Store {
             generation: Generation::open(folder, now_us),
             next_sequence: 1,
             capacity,
+            archive: Archive::new(folder.join("archive"), archive_max),
         };
         if let Err(error) = store.make_folders() {
             tracing::warn!(
@@ -182,6 +186,7 @@ impl Store {
             let found = std::fs::metadata(self.blades_folder());
             let found = found.map_err(|source| OpenError::Io { path, source })?;
             self.identity = Some((found.dev(), found.ino()));
+            self.archive.thin_out();
         }
         Ok(())
     }
@@ -213,16 +218,14 @@ impl Store {
         self.folder.join("history")
     }
 
-    fn archive(&self) -> PathBuf {
-        self.folder.join("archive")
-    }
-
     fn path(&self, name: &str) -> PathBuf {
         self.blades_folder().join(format!("{name}{SUFFIX}"))
     }
 
     fn make_folders(&self) -> Result<(), StoreError> {
-        for folder in [self.folder.clone(), self.blades_folder(), self.history(), self.archive()] {
+        for folder in
+            [self.folder.clone(), self.blades_folder(), self.history(), self.archive.folder().to_path_buf()]
+        {
             // One that was there and is gone was unmounted or moved: an empty one in its place would
             // hide what it holds.
             if self.identity.is_some() && folder == self.blades_folder() {
@@ -352,9 +355,10 @@ impl Store {
 
     fn archive_blade(&mut self, name: &str) -> Result<(), StoreError> {
         let path = self.path(name);
-        let to = shelve(&self.archive(), name, &path).map_err(|source| disk(&path, source))?;
+        let to = shelve(self.archive.folder(), name, &path).map_err(|source| disk(&path, source))?;
         tracing::warn!(name, to = %to.display(), "the library is full: its oldest blade goes to the archive");
         self.forget(name);
+        self.archive.note();
         Ok(())
     }
 

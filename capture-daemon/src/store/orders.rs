@@ -163,7 +163,7 @@ impl Store {
     pub(crate) fn restore(&mut self, name: &str) -> Result<(), StoreError> {
         check_name(name).map_err(StoreError::Name)?;
         let is_live = self.live.contains_key(name);
-        let earlier = [self.history(), self.archive()].into_iter().find_map(|shelf| {
+        let earlier = [self.history(), self.archive.folder().to_path_buf()].into_iter().find_map(|shelf| {
             versions(&shelf, name).into_iter().rev().find_map(|path| {
                 let text = text(&path).ok()?;
                 let modified = Signature::of(&path).ok()?.modified_unix_ns();

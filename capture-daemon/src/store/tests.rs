@@ -34,7 +34,7 @@ fn captured(number: u64) -> Record {
 }
 
 fn open(folder: &TempDir) -> Store {
-    let mut store = Store::open_with(folder.path(), 1, 4).expect("it opens");
+    let mut store = Store::open_with(folder.path(), 1, 4, 2).expect("it opens");
     store.prepare().expect("it can be written");
     store
 }
@@ -79,7 +79,7 @@ fn blades_are_there_again_in_their_order() {
 fn a_second_station_is_refused() {
     let folder = folder();
     let _first = open(&folder);
-    assert!(matches!(Store::open(folder.path(), 1), Err(OpenError::InUse(_))));
+    assert!(matches!(Store::open(folder.path(), 1, 2), Err(OpenError::InUse(_))));
 }
 
 #[test]
@@ -249,7 +249,7 @@ fn the_oldest_that_is_not_pinned_goes_to_the_archive() {
     assert_eq!(rescan(&mut store), (true, false));
     let expected: Vec<String> = [1, 4, 5].map(|number| captured(number).blade.name().to_owned()).into();
     assert_eq!(names(&store), [&expected[..], &["fern".to_owned()]].concat());
-    assert!(store.archive().join(captured(2).blade.name()).join("000001.toml").exists());
+    assert!(store.archive.folder().join(captured(2).blade.name()).join("000001.toml").exists());
 
     store.restore(captured(3).blade.name()).expect("it is in the archive");
     assert_eq!(names(&store).len(), 4);
@@ -278,7 +278,7 @@ fn a_folder_with_too_many_blades_is_read_up_to_what_fits() {
     let store = open(&folder);
     let expected: Vec<String> = (3..=6).map(|number| captured(number).blade.name().to_owned()).collect();
     assert_eq!(names(&store), expected);
-    assert_eq!(fs::read_dir(store.archive()).expect("there").count(), 2);
+    assert_eq!(fs::read_dir(store.archive.folder()).expect("there").count(), 2);
 }
 
 #[test]
@@ -305,7 +305,7 @@ fn a_folder_that_comes_late_is_read_then() {
     let folder = folder();
     let place = folder.path().join("state");
     fs::write(&place, "a file where the folder should be").expect("room");
-    let mut store = Store::open_with(&place, 1, 4).expect("that is no reason to stay down");
+    let mut store = Store::open_with(&place, 1, 4, 2).expect("that is no reason to stay down");
     assert!(store.prepare().is_err() && store.keep(&captured(1)).is_err());
     fs::remove_file(&place).expect("it is there");
     fs::create_dir_all(place.join("blades")).expect("room");
@@ -345,4 +345,62 @@ fn a_blade_that_is_put_there_replaces_its_name_or_makes_room_once_it_is_on_disk(
     assert_eq!(width(&store), 0.014);
     store.restore("fern").expect("the one before");
     assert_eq!(width(&store), 0.008);
+}
+
+#[test]
+fn the_archive_holds_so_many_and_the_oldest_go() {
+    let folder = folder();
+    let mut store = open(&folder);
+    let archived = |store: &Store| {
+        let mut names: Vec<String> = archive::files(store.archive.folder())
+            .iter()
+            .filter_map(|path| Some(path.parent()?.file_name()?.to_str()?.to_owned()))
+            .collect();
+        names.sort();
+        names
+    };
+    let of = |numbers: &[u64]| {
+        let mut names: Vec<String> =
+            numbers.iter().map(|number| captured(*number).blade.name().to_owned()).collect();
+        names.sort();
+        names
+    };
+    for number in 1..=7 {
+        store.keep(&captured(number)).expect("room");
+    }
+    assert_eq!(archived(&store), of(&[2, 3]), "two of the three that had to go");
+    let first = captured(1).blade.name().to_owned();
+    assert!(matches!(store.restore(&first), Err(StoreError::NoHistory(_))), "it is gone for good");
+    assert!(!store.archive.folder().join(&first).exists(), "and its folder with it");
+    // What is restored leaves room.
+    store.restore(captured(2).blade.name()).expect("it is in the archive");
+    assert_eq!(archived(&store), of(&[3, 4]));
+
+    // A limit that was lowered holds from the next start on.
+    drop(store);
+    let store = Store::open_with(folder.path(), 1, 4, 1).expect("it opens");
+    assert_eq!(archived(&store), of(&[4]));
+    drop(store);
+    let mut store = Store::open_with(folder.path(), 1, 4, 0).expect("it opens");
+    store.keep(&captured(8)).expect("room");
+    assert_eq!(archived(&store), Vec::<String>::new());
+    assert_eq!(names(&store).len(), 4);
+}
+
+#[test]
+fn generations_grow_though_the_clock_was_set_back_years() {
+    let folder = folder();
+    let open_at = |now_us| {
+        let mut store = Store::open_with(folder.path(), now_us, 4, 2).expect("it opens");
+        store.prepare().expect("it can be written");
+        [store.next_generation(), store.next_generation()]
+    };
+    let year_us = 31_557_600_000_000;
+    let mut before = 0;
+    // The clock of a machine without a battery begins in 1970.
+    for now_us in [60 * year_us, 59 * year_us, 0, 1, 60 * year_us + 1] {
+        let [first, second] = open_at(now_us);
+        assert!(before < first && first < second, "{first} after {before}, at {now_us} us");
+        before = second;
+    }
 }

@@ -52,23 +52,24 @@ pub struct SynthArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Seed of the first clip of each family; the next clips have the seeds after it. The same seed
-    /// gives the same frames on every machine. Example: --seed 42
+    /// gives the same frames on every machine. Any whole number from 0 on. Example: --seed 42
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// Family of the scenes; may be given more than once or as a list. Example: --family single,row
     #[arg(long, value_name = "FAMILY", value_enum, value_delimiter = ',', default_value = "all")]
     pub family: Vec<Families>,
-    /// Clips of each family. Example: --clips 5
+    /// Clips of each family, 1 to 100000. Example: --clips 5
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub clips: u64,
-    /// Columns and rows in pixels, 1280x1024 at most. Example: --size 512x424
+    /// Columns and rows in pixels, each 16 to 4096, and 1280x1024 pixels in all at most. Example: --size
+    /// 512x424
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = parse_size)]
     pub size: (usize, usize),
     /// Errors of the sensor: 1 like a real one, 0 none, 10 at most. Example: --noise 0.5
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse_noise, allow_negative_numbers = true)]
     pub noise: f64,
-    /// Frames of each clip at 30 a second, the empty ones before and after included. Without it 45; 60 of
-    /// a hand, 80 for each visitor of a kiosk. Example: --frames 60
+    /// Frames of each clip at 30 a second, 1 to 100000, the empty ones before and after included. Without it
+    /// 45; 60 of a hand, 80 for each visitor of a kiosk. Example: --frames 60
     #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub frames: Option<usize>,
     /// Form of the recordings. Example: --format png

@@ -104,6 +104,8 @@ def main():
 
         status = call("GetStatus")["status"]
         assert status["store"] == "ok" and status["blades"] == 1, status
+        counts = [status[name] for name in ("frames", "skipped_frames", "dropped_frames")]
+        assert all(isinstance(count, int) and count >= 0 for count in counts), status
         library = call("GetLibrary", after=0)
         assert library["blades"] == 1 and library["size"] > 64, library
         seen = call("GetPreview", after=0)

@@ -1,0 +1,151 @@
+//! Reading a configuration: its documents one over the other, and where in them a mistake is.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use super::Config;
+use super::range::out_of_range;
+
+/// Why a configuration cannot be used. The message begins with where.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{path}: the configuration cannot be read: {reason}; check the path given with --config")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The text is not TOML, or a key is unknown or of another type.
+    #[error("{place}: {reason}")]
+    Invalid {
+        /// File, line and column, or the `--set` argument.
+        place: String,
+        /// What is wrong and what was expected.
+        reason: String,
+    },
+}
+
+/// A configuration is no longer than this.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// Reads a configuration: the file over the defaults, each `key=value` of `sets` over both.
+///
+/// # Errors
+/// The first thing that is wrong, with file, line and column, or with the `--set` argument.
+pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError> {
+    let mut documents = Vec::new();
+    if let Some(path) = file {
+        let unreadable = |reason: std::io::Error| ConfigError::Unreadable {
+            path: path.display().to_string(),
+            reason: reason.to_string(),
+        };
+        let mut bytes = Vec::new();
+        // Reading a pipe could take for ever, and gives nothing the second time, at a reload.
+        if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
+            return Err(unreadable(std::io::Error::other("it is not a regular file")));
+        }
+        let file = std::fs::File::open(path).map_err(unreadable)?;
+        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+        if bytes.len() as u64 > MAX_BYTES {
+            return Err(ConfigError::Invalid {
+                place: path.display().to_string(),
+                reason: format!("it is larger than {MAX_BYTES} bytes, expected a TOML file"),
+            });
+        }
+        let text = String::from_utf8(bytes).map_err(|_| ConfigError::Invalid {
+            place: path.display().to_string(),
+            reason: "it is not UTF-8 text, expected a TOML file".to_owned(),
+        })?;
+        documents.push(Document { origin: Origin::File(path.to_path_buf()), text });
+    }
+    for set in sets {
+        documents.push(Document { origin: Origin::Set(set.clone()), text: set.clone() });
+    }
+    let mut merged = toml::Table::new();
+    for document in &documents {
+        // Alone, so that the error has the place in this document.
+        toml::from_str::<Config>(&document.text).map_err(|error| document.error(&error))?;
+        merge(&mut merged, toml::from_str(&document.text).map_err(|error| document.error(&error))?);
+    }
+    let config: Config = merged.try_into().map_err(|error: toml::de::Error| ConfigError::Invalid {
+        place: "configuration".to_owned(),
+        reason: error.message().to_owned(),
+    })?;
+    match out_of_range(&config) {
+        None => Ok(config),
+        Some((key, expected)) => {
+            let place = documents.iter().rev().find_map(|document| document.place_of(key));
+            let reason = format!("`{key}` is out of range, expected {expected}");
+            Err(ConfigError::Invalid { place: place.unwrap_or_else(|| "configuration".to_owned()), reason })
+        }
+    }
+}
+
+enum Origin {
+    File(PathBuf),
+    Set(String),
+}
+
+struct Document {
+    origin: Origin,
+    text: String,
+}
+
+impl Document {
+    fn place(&self, span: Option<std::ops::Range<usize>>) -> String {
+        let before = &self.text[..span.map_or(0, |span| span.start).min(self.text.len())];
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+        match &self.origin {
+            Origin::File(path) => format!("{}:{line}:{column}", path.display()),
+            Origin::Set(argument) => format!("--set '{}', column {column}", argument.escape_debug()),
+        }
+    }
+
+    fn error(&self, error: &toml::de::Error) -> ConfigError {
+        let message = error
+            .message()
+            .replace('\n', ", ")
+            .replace("unknown field", "unknown key")
+            .replace("expected f64", "expected a number")
+            .replace("expected f32", "expected a number")
+            .replace("expected usize", "expected a whole number, 0 or more")
+            .replace("expected u32", "expected a whole number, 0 or more");
+        let hint = match &self.origin {
+            Origin::Set(_) if error.span().is_some() && !message.contains("unknown key") => {
+                " (--set takes key=value as TOML; text needs quotes: --set 'service.socket=\"/tmp/s\"')"
+            }
+            _ => "",
+        };
+        ConfigError::Invalid { place: self.place(error.span()), reason: format!("{message}{hint}") }
+    }
+
+    /// Where this document sets `key` (a dotted path), if it does.
+    fn place_of(&self, key: &str) -> Option<String> {
+        let document = toml::de::DeTable::parse(&self.text).ok()?;
+        let mut table = document.get_ref();
+        let mut parts = key.split('.').peekable();
+        while let Some(part) = parts.next() {
+            let (name, value) = table.iter().find(|(name, _)| name.get_ref() == part)?;
+            match (parts.peek(), value.get_ref()) {
+                (None, _) => return Some(self.place(Some(name.span()))),
+                (Some(_), toml::de::DeValue::Table(inner)) => table = inner,
+                _ => return None,
+            }
+        }
+        None
+    }
+}
+
+fn merge(into: &mut toml::Table, from: toml::Table) {
+    for (key, value) in from {
+        match (into.get_mut(&key), value) {
+            (Some(toml::Value::Table(mine)), toml::Value::Table(theirs)) => merge(mine, theirs),
+            (_, value) => {
+                into.insert(key, value);
+            }
+        }
+    }
+}

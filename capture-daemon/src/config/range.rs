@@ -1,0 +1,64 @@
+//! The range of each key.
+
+use std::ops::RangeInclusive;
+
+use super::Config;
+
+/// The first key whose value is out of its range, and the range.
+pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
+    fn within(key: &'static str, value: f64, range: RangeInclusive<f64>) -> Option<(&'static str, String)> {
+        (!range.contains(&value)).then(|| (key, format!("{} to {}", range.start(), range.end())))
+    }
+    let Config { source, camera, mask, capture, blade, refine, store, service } = config;
+    let focal = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0..=100_000.0));
+    let centre = |key, value: Option<f64>| value.and_then(|value| within(key, value, -10_000.0..=10_000.0));
+    let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
+    let some_missing = intrinsics.iter().any(Option::is_some) && intrinsics.iter().any(Option::is_none);
+    let half_camera = || Some(("camera", "all of fx, fy, cx and cy, or none of them".to_owned()));
+    let lens = "the 4 or 5 coefficients of plumb_bob or the 8 of rational_polynomial".to_owned();
+    let distortion = camera.distortion().err().map(|_| ("camera.distortion", lens));
+    let lens_alone = || Some(("camera.distortion", "camera.fx, fy, cx and cy beside it".to_owned()));
+    let lens_alone = (camera.distortion.is_some() && camera.fx.is_none()).then(lens_alone).flatten();
+    let empty_region = mask.roi.is_some_and(|[x0, y0, x1, y1]| x0 >= x1 || y0 >= y1);
+    let region = || Some(("mask.roi", "[x0, y0, x1, y1] with x0 < x1 and y0 < y1".to_owned()));
+    let order = || Some(("mask.far_m", format!("more than mask.near_m ({})", mask.near_m)));
+    let socket = || Some(("service.socket", "the path of a socket".to_owned()));
+    let directory = || Some(("store.directory", "the path of a folder".to_owned()));
+    let no_directory = store.directory.as_ref().is_some_and(|path| path.as_os_str().is_empty());
+    let who = |key, list: &[String]| {
+        let odd = list.iter().any(|entry| entry.is_empty() || entry == "@");
+        odd.then(|| (key, "a list of \"*\", users, and groups with @ before them".to_owned()))
+    };
+    let mode = || Some(("service.socket_mode", "0o000 to 0o777".to_owned()));
+    within("source.rate", source.rate, 0.0..=1000.0)
+        .or_else(|| no_directory.then(directory).flatten())
+        .or_else(|| within("store.archive_max", store.archive_max as f64, 0.0..=100_000.0))
+        .or_else(|| (service.socket_mode > 0o777).then(mode).flatten())
+        .or_else(|| who("service.watch", &service.watch))
+        .or_else(|| who("service.change", &service.change))
+        .or_else(|| within("service.max_connections", service.max_connections as f64, 2.0..=10_000.0))
+        .or_else(|| service.socket.as_os_str().is_empty().then(socket).flatten())
+        .or_else(|| focal("camera.fx", camera.fx))
+        .or_else(|| focal("camera.fy", camera.fy))
+        .or_else(|| centre("camera.cx", camera.cx))
+        .or_else(|| centre("camera.cy", camera.cy))
+        .or_else(|| some_missing.then(half_camera).flatten())
+        .or(distortion)
+        .or(lens_alone)
+        .or_else(|| within("camera.tilt_rad", camera.tilt_rad.into(), -1.6..=1.6))
+        .or_else(|| within("camera.roll_rad", camera.roll_rad.into(), -3.2..=3.2))
+        .or_else(|| within("mask.near_m", mask.near_m, 0.0..=20.0))
+        .or_else(|| within("mask.far_m", mask.far_m, 0.0..=20.0))
+        .or_else(|| (mask.near_m >= mask.far_m).then(order).flatten())
+        .or_else(|| empty_region.then(region).flatten())
+        .or_else(|| within("mask.min_area_px", mask.min_area_px as f64, 1.0..=1e6))
+        .or_else(|| within("mask.bridge_px", mask.bridge_px as f64, 0.0..=32.0))
+        .or_else(|| within("capture.hold_s", capture.hold_s, 0.0..=60.0))
+        .or_else(|| within("capture.still_px", capture.still_px, 0.1..=1000.0))
+        .or_else(|| within("blade.min_length_m", blade.min_length_m.into(), 0.001..=10.0))
+        .or_else(|| within("blade.min_pixels_across", blade.min_pixels_across.into(), 0.5..=100.0))
+        .or_else(|| within("blade.min_score", blade.min_score.into(), 0.0..=1.0))
+        .or_else(|| within("blade.max_width_m", blade.max_width_m.into(), 0.005..=10.0))
+        .or_else(|| within("refine.knots", refine.knots as f64, 2.0..=64.0))
+        .or_else(|| within("refine.distance_weight", refine.distance_weight.into(), 0.0..=1.0))
+}
