@@ -415,7 +415,12 @@ impl<'a> Course<'a> {
         }
         let tolerance_m = 3.0 * tolerance_m(mask);
         let clear = || other.sections.iter().filter(|section| section.edges_seen() > 0);
-        let mut guess = 0;
-        2 * clear().filter(|section| self.has(section, tolerance_m, &mut guess)).count() > clear().count()
+        // Half of them that it does not have are enough to tell.
+        let (mut left, mut guess) = (clear().count().div_ceil(2), 0);
+        left > 0
+            && clear().all(|section| {
+                left -= usize::from(!self.has(section, tolerance_m, &mut guess));
+                left > 0
+            })
     }
 }

@@ -5,6 +5,7 @@ use glam::Vec2;
 
 use super::mask::Mask;
 use super::partition::{Part, Side};
+use super::rank::Few;
 use super::ribbon::{ANCHOR, MIN_SEED_PX, Section, tolerance_m};
 use super::section::{Expected, Fold, Measured, Middle};
 use super::settle::{across_at, slopes};
@@ -70,20 +71,21 @@ fn depth_near(mask: &Mask, piece: u16, point: Vec2) -> Option<f32> {
     const REACH: usize = 2;
     let center = mask.index_at(point)?;
     let (x, y) = (center % mask.width, center / mask.width);
-    let (mut depths, mut count) = ([0.0; (2 * REACH + 1).pow(2)], 0);
+    let mut depths = Few::default();
     let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(mask.width);
     for v in y.saturating_sub(REACH)..(y + REACH + 1).min(mask.height) {
         let row = v * mask.width + columns.start..v * mask.width + columns.end;
         let pixels = mask.pieces.of[row.clone()].iter().zip(&mask.occupancy[row.clone()]);
         for ((of, occupancy), depth) in pixels.zip(&mask.depth_m[row]) {
             if (*of == piece) & (*occupancy > 0.85) {
-                depths[count] = *depth;
-                count += 1;
+                depths.push(*depth);
             }
         }
     }
-    let depths = &mut depths[..count];
-    (count > 0).then(|| *depths.select_nth_unstable_by(count / 2, f32::total_cmp).1)
+    (depths.len() > 0).then(|| {
+        let [median] = depths.ranked([depths.len() / 2]);
+        median
+    })
 }
 
 /// Midpoints of the points on both sides at equal distance from the root, and their distances.
