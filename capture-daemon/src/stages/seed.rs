@@ -13,20 +13,18 @@ use super::settle::{across_at, slopes};
 /// The stretch that the outline shows, from the part's base to its tip.
 pub(super) fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
     let (midrib, widths) = matched_sides(part)?;
-    let count = polyline::length(&midrib).round() as usize;
+    let cumulative = polyline::cumulative_length(&midrib);
+    let count = cumulative.last()?.round() as usize;
     if count < MIN_SEED_PX {
         return None;
     }
-    let cumulative = polyline::cumulative_length(&midrib);
-    let total = *cumulative.last()?;
-    let at = |i: usize| polyline::locate(&cumulative, total * i as f32 / (count - 1) as f32);
-    let mids: Vec<Vec2> = (0..count).map(at).map(|(k, t)| midrib[k].lerp(midrib[k + 1], t)).collect();
+    let places: Vec<(usize, f32)> = polyline::locate_evenly(&cumulative, count).collect();
+    let mids: Vec<Vec2> = places.iter().map(|&(k, t)| midrib[k].lerp(midrib[k + 1], t)).collect();
     let tolerance_m = tolerance_m(mask);
     // The very end may be too thin for a reading.
     let first_depth_m = mids.iter().find_map(|mid| depth_near(mask, part.label, *mid))?;
     let mut sections: Vec<Section> = Vec::with_capacity(count);
-    for i in 0..count {
-        let (k, t) = at(i);
+    for (i, (k, t)) in places.into_iter().enumerate() {
         let half_px = 0.5 * (widths[k] + (widths[k + 1] - widths[k]) * t);
         let across = across_at(&mids, i);
         let known = depth_near(mask, part.label, mids[i]);
