@@ -1,8 +1,10 @@
 //! Where the time of a frame and of a capture goes, beside what OpenCV needs for four of its calls on the
 //! same frames, and how much memory a long replay takes: `make bench`.
 //!
-//! One thread; medians; both in turn, so that whatever else the machine does falls on both. `SWARD_PYTHON` names a Python with OpenCV; without it that column is empty. Slowness
-//! is no error: the table states the ratios, and the targets that they are held against.
+//! One thread; medians; both in turn, so that whatever else the machine does falls on both, and both as often in
+//! a row, so that neither is timed mostly on caches that the other one left behind. `SWARD_PYTHON` names a Python
+//! with OpenCV; without it that column is empty. Slowness is no error: the table states the ratios, and the
+//! targets that they are held against.
 
 mod opencv;
 mod preview;
@@ -26,6 +28,8 @@ use capture_daemon::synth::{Clip, ClipParams, Family, Scene};
 
 /// Frames that are replayed to see whether memory stays flat.
 const REPLAYED: u64 = 10_000;
+/// Times in a row that the same is measured, before it is the other one's turn.
+const TURN: usize = 10;
 /// What it must stay under, MiB.
 const MEMORY_MIB: u64 = 96;
 
@@ -57,7 +61,7 @@ fn main() -> anyhow::Result<()> {
             for _ in 0..rounds {
                 measure(&mut ours);
                 if let Some(opencv) = &mut opencv {
-                    theirs.extend(opencv.times_ms(frame, 10)?);
+                    theirs.extend(opencv.times_ms(frame, TURN)?);
                 }
             }
             let ms = median(ours);
@@ -73,7 +77,7 @@ fn main() -> anyhow::Result<()> {
 
     let mut session = Session::new(params.clone());
     let mut empty_frames = |times: &mut Vec<f64>| {
-        for _ in 0..10 {
+        for _ in 0..TURN {
             let start = Instant::now();
             black_box(session.push(&empty));
             times.push(ms_since(start));
@@ -102,7 +106,7 @@ fn main() -> anyhow::Result<()> {
     let steps = capture();
     let name = format!("capture of a fan of {} ({} found)", clip.scene().blades.len(), steps.blades.len());
     let mut captures = |times: &mut Vec<f64>| {
-        for _ in 0..2 {
+        for _ in 0..TURN {
             let start = Instant::now();
             black_box(capture());
             times.push(ms_since(start));

@@ -14,6 +14,7 @@
 mod lanes;
 
 use glam::{Mat3, Quat, Vec3};
+use multiversion::multiversion;
 
 use self::lanes::{LANES, Numbers, Vectors};
 use crate::geometry::polyline;
@@ -89,6 +90,11 @@ impl Strands {
     /// Moves on by `dt` seconds under `wind`, an acceleration in m/s² of which each edge feels the
     /// part across it. O(vertices).
     pub fn step(&mut self, dt: f32, wind: Vec3, params: &StrandParams) {
+        step(self, dt, wind, params);
+    }
+
+    #[inline(always)]
+    fn move_on(&mut self, dt: f32, wind: Vec3, params: &StrandParams) {
         let keep = Numbers::all((-params.damping_per_s * dt).exp());
         let (wind, squared) = (Vectors::all(wind), Numbers::all(dt * dt));
         for i in 2..self.positions.len() {
@@ -108,6 +114,7 @@ impl Strands {
     /// So many passes from root to tip. A pass follows the one before it two edges behind, where that one
     /// touches nothing any more: it comes out to the bit as if one ran after the other, but each edge of a pass
     /// waits for the edge before it, and meanwhile the processor reckons with the other passes.
+    #[inline(always)]
     fn pull_to_rest_shape(&mut self, share: f32, passes: usize) {
         const BEHIND: usize = 2;
         let edges = self.rest_edges.len();
@@ -137,6 +144,7 @@ impl Strands {
         frame.turn_to(to - from);
     }
 
+    #[inline(always)]
     fn restore_lengths(&mut self) {
         for parity in 0..2 {
             for i in (1 + parity..self.rest_lengths.len()).step_by(2) {
@@ -156,6 +164,7 @@ impl Strands {
         }
     }
 
+    #[inline(always)]
     fn restore_lengths_exactly(&mut self) {
         for i in 1..self.rest_lengths.len() {
             let edge = self.positions[i + 1] - self.positions[i];
@@ -164,6 +173,12 @@ impl Strands {
             self.positions[i + 1] = self.positions[i] + direction * self.rest_lengths[i];
         }
     }
+}
+
+/// [`Strands::step`]: where the processor's registers hold all lanes, to the same bits in half as many steps.
+#[multiversion(targets("x86_64+avx2"))]
+fn step(strands: &mut Strands, dt: f32, wind: Vec3, params: &StrandParams) {
+    strands.move_on(dt, wind, params);
 }
 
 /// Axes of unit length at right angles to each other, for each strand.
@@ -176,7 +191,7 @@ struct Frame {
 
 impl Frame {
     /// A vector given along the axes.
-    #[inline]
+    #[inline(always)]
     fn outwards(&self, [x, y, z]: [Numbers; 3]) -> Vectors {
         self.x * x + self.y * y + self.z * z
     }

@@ -27,6 +27,31 @@ pub fn trace(mask: &Mask, labels: &Labels) -> Vec<Outline> {
 
 const LEVEL: f32 = 0.5;
 
+/// Edge of a grid from a node to its right (`down`: lower) neighbour.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Edge {
+    row: usize,
+    column: usize,
+    down: bool,
+}
+
+/// Where the border passes an edge.
+#[derive(Clone, Copy)]
+struct Crossing {
+    at: Edge,
+    point: Vec2,
+    /// The next crossing along the border, `u32::MAX` when it was walked on to.
+    next: u32,
+}
+
+impl Crossing {
+    /// The next one along the border, the first time it is asked for.
+    fn go_on(&mut self) -> Option<usize> {
+        let next = std::mem::replace(&mut self.next, u32::MAX);
+        (next != u32::MAX).then_some(next as usize)
+    }
+}
+
 /// Crossing points of the level on the edges of a grid over the blob's bounding box with a margin of
 /// one pixel, linked into loops.
 struct Grid<'a> {
@@ -47,20 +72,13 @@ impl Grid<'_> {
         if self.labels.of[index] == self.label { self.mask.occupancy[index] } else { 0.0 }
     }
 
-    /// Edge from a node to its right (`down`: lower) neighbour.
-    fn edge(&self, column: usize, row: usize, down: bool) -> usize {
-        2 * (row * self.columns + column) + usize::from(down)
-    }
-
-    fn crossing(&self, edge: usize) -> Vec2 {
-        let (node, down) = (edge / 2, edge % 2);
-        let (column, row) = (node % self.columns, node / self.columns);
+    fn crossing(&self, Edge { row, column, down }: Edge) -> Vec2 {
         let here = self.value(column, row);
-        let there = self.value(column + 1 - down, row + down);
+        let there = self.value(column + usize::from(!down), row + usize::from(down));
         let t = if here == there { 0.5 } else { (LEVEL - here) / (there - here) };
         let start =
             Vec2::new((self.origin[0] + column as isize) as f32, (self.origin[1] + row as isize) as f32);
-        start + if down == 1 { Vec2::Y } else { Vec2::X } * t.clamp(0.0, 1.0)
+        start + if down { Vec2::Y } else { Vec2::X } * t.clamp(0.0, 1.0)
     }
 
     /// Which nodes of a row lie within the border.
@@ -79,34 +97,41 @@ impl Grid<'_> {
         }
     }
 
-    /// For each edge the next one along the border, `u32::MAX` where the border does not pass; and the edges
-    /// where it does, ascending.
-    fn links(&self) -> (Vec<u32>, Vec<u32>) {
-        let mut next = vec![u32::MAX; 2 * self.columns * self.rows];
-        let mut upper = vec![false; self.columns];
-        let mut lower = upper.clone();
+    /// All crossings, linked. Of the row of cells above only those on the edges between both rows are still
+    /// looked for.
+    fn crossings(&self) -> Vec<Crossing> {
+        let mut crossings: Vec<Crossing> = Vec::new();
+        let [mut upper, mut lower] = [(); 2].map(|()| vec![false; self.columns]);
+        let [mut on_top, mut at_bottom] = [(); 2].map(|()| vec![u32::MAX; self.columns]);
         let mut mixed = vec![false; self.columns - 1];
-        let mut passed = Vec::new();
         for row in 0..self.rows - 1 {
             std::mem::swap(&mut upper, &mut lower);
+            std::mem::swap(&mut on_top, &mut at_bottom);
             self.find_inside(row + 1, &mut lower);
             // Most cells lie wholly within or without: this tells the others fastest.
             let nodes = upper.iter().zip(&upper[1..]).zip(lower.iter().zip(&lower[1..]));
             for (mixed, ((a, b), (c, d))) in mixed.iter_mut().zip(nodes) {
                 *mixed = (a ^ b) | (a ^ c) | (a ^ d);
             }
+            // The cell to the left of one whose left edge is crossed is mixed too, and was the last one.
+            let mut right = u32::MAX;
             for column in few(&mixed) {
                 let case = [upper[column], upper[column + 1], lower[column + 1], lower[column]];
-                let top = self.edge(column, row, false);
-                let bottom = self.edge(column, row + 1, false);
-                let left = self.edge(column, row, true);
-                let right = self.edge(column + 1, row, true);
+                let (top, left) = (on_top[column], right);
+                let mut cross = |at: Edge| {
+                    crossings.push(Crossing { at, point: self.crossing(at), next: u32::MAX });
+                    crossings.len() as u32 - 1
+                };
+                if case[1] != case[2] {
+                    right = cross(Edge { row, column: column + 1, down: true });
+                }
+                if case[2] != case[3] {
+                    at_bottom[column] = cross(Edge { row: row + 1, column, down: false });
+                }
+                let bottom = at_bottom[column];
                 // From an edge where the border enters the cell to where it leaves, inside to its
                 // right. Corners in the order upper left, upper right, lower right, lower left.
-                let mut link = |from: usize, to: usize| {
-                    next[from] = to as u32;
-                    passed.push(from as u32);
-                };
+                let mut link = |from: u32, to: u32| crossings[from as usize].next = to;
                 match case {
                     [true, true, true, true] | [false, false, false, false] => {}
                     [true, false, false, false] => link(top, left),
@@ -132,8 +157,7 @@ impl Grid<'_> {
                 }
             }
         }
-        passed.sort_unstable();
-        (next, passed)
+        crossings
     }
 }
 
@@ -147,21 +171,28 @@ fn outer_border(mask: &Mask, labels: &Labels, region: &Region) -> Option<Outline
         columns: x1 - x0 + 2,
         rows: y1 - y0 + 2,
     };
-    let (mut next, passed) = grid.links();
-    let mut longest: Option<(f32, Vec<Vec2>)> = None;
-    for start in passed {
-        let mut points = Vec::new();
-        let mut edge = start as usize;
-        while next[edge] != u32::MAX {
-            points.push(grid.crossing(edge));
-            edge = std::mem::replace(&mut next[edge], u32::MAX) as usize;
+    let mut crossings = grid.crossings();
+    let mut longest: Option<(f32, Edge, Vec<Vec2>)> = None;
+    let mut around: Vec<Crossing> = Vec::new();
+    for start in 0..crossings.len() {
+        around.clear();
+        let mut at = start;
+        while let Some(next) = crossings[at].go_on() {
+            around.push(crossings[at]);
+            at = next;
         }
-        let area = signed_area(&points);
-        if points.len() >= 3 && longest.as_ref().is_none_or(|(largest, _)| area.abs() > *largest) {
-            longest = Some((area.abs(), points));
+        // From its first edge on.
+        let Some(first) = (0..around.len()).min_by_key(|index| around[*index].at) else { continue };
+        let points: Vec<Vec2> =
+            around[first..].iter().chain(&around[..first]).map(|crossing| crossing.point).collect();
+        let (area, edge) = (signed_area(&points).abs(), around[first].at);
+        let is_longest =
+            longest.as_ref().is_none_or(|(most, at, _)| area > *most || area == *most && edge < *at);
+        if points.len() >= 3 && is_longest {
+            longest = Some((area, edge, points));
         }
     }
-    longest.map(|(_, points)| Outline { label: region.label, points })
+    longest.map(|(_, _, points)| Outline { label: region.label, points })
 }
 
 /// Twice the enclosed area would be the cross sum; positive for clockwise loops as the image is seen.

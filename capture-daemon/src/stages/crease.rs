@@ -248,12 +248,15 @@ impl Row {
         let mut readings = Vec::with_capacity((right - left) as usize);
         let mut last = usize::MAX;
         for k in left as i32 + 1..=right as i32 - 1 {
-            let Some(index) = mask.index_at(mid + across * k as f32) else { continue };
+            let point = mid + across * k as f32;
+            let Some(index) = mask.index_at(point) else { continue };
             if index == last || mask.occupancy[index] <= INNER_OCCUPANCY {
                 continue;
             }
             last = index;
-            let away = mask.pixel(index) - mid;
+            // The pixel, as `index_at` finds it.
+            let pixel = Vec2::new((point.x + 0.5) as i32 as f32, (point.y + 0.5) as i32 as f32);
+            let away = pixel - mid;
             let depth = mask.depth_m[index] - climb * away.dot(along);
             readings.push(((f64::from(away.dot(across)) - middle_px) / half_px, f64::from(depth)));
         }

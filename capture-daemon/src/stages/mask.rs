@@ -73,9 +73,16 @@ impl Labels {
         }
     }
 
-    /// Lets the regions grow into neighbours that are seldom occupied.
-    fn grow_fringes(&mut self, width: usize, region: [usize; 4], occupancy: &[f32], depth_m: &[f32]) {
-        let mut front = self.rims(width, region, occupancy);
+    /// Lets the regions grow into neighbours that are seldom occupied, from the pixels of theirs that have some.
+    fn grow(
+        &mut self,
+        rims: Vec<usize>,
+        width: usize,
+        region: [usize; 4],
+        occupancy: &[f32],
+        depth_m: &[f32],
+    ) {
+        let mut front = rims;
         let mut next = 0;
         while next < front.len() {
             let index = front[next];
@@ -96,32 +103,53 @@ impl Labels {
             }
         }
     }
+}
 
-    /// The pixels of regions that have a neighbour within `within` that is seldom occupied, row by row.
-    fn rims(&self, width: usize, within: [usize; 4], occupancy: &[f32]) -> Vec<usize> {
-        let [x0, y0, x1, y1] = within;
-        // Whole rows are told several pixels at a time. Of each: whether it, the one above it or the one below
-        // it is seldom occupied; a margin to both sides is not.
-        let mut upright = vec![false; x1 - x0 + 2];
-        let mut is_rim = vec![false; x1 - x0];
-        let mut rims = Vec::new();
-        for y in y0..y1 {
-            let row = |y: usize| y * width + x0..y * width + x1;
-            upright.fill(false);
-            for near in y.saturating_sub(1).max(y0)..(y + 2).min(y1) {
-                let pixels = upright[1..].iter_mut().zip(&occupancy[row(near)]);
-                pixels.for_each(|(upright, occupancy)| *upright |= is_seldom(*occupancy));
-            }
-            let around = upright.iter().zip(&upright[1..]).zip(&upright[2..]);
-            for ((is_rim, label), ((left, here), right)) in
-                is_rim.iter_mut().zip(&self.of[row(y)]).zip(around)
-            {
-                *is_rim = (*label != 0) & (left | here | right);
-            }
-            rims.extend(few(&is_rim).map(|column| y * width + x0 + column));
+/// Lets blobs and pieces grow into neighbours that are seldom occupied.
+fn grow_fringes(mask: &mut Mask) {
+    let [of_blobs, of_pieces] = rims(mask);
+    let Mask { width, seen, occupancy, depth_m, blobs, pieces, .. } = mask;
+    blobs.grow(of_blobs, *width, *seen, occupancy, depth_m);
+    pieces.grow(of_pieces, *width, *seen, occupancy, depth_m);
+}
+
+/// The pixels of blobs, and those of pieces, that have a neighbour that is seldom occupied, row by row.
+fn rims(mask: &Mask) -> [Vec<usize>; 2] {
+    let Mask { width, seen: [x0, y0, x1, y1], .. } = *mask;
+    let columns = x1 - x0;
+    // Whole rows are told several pixels at a time: whether they are seldom occupied in the row above, this one
+    // and the one below; and whether any of the three is, with a margin to both sides that is not.
+    let mut seldom = [(); 3].map(|()| vec![false; columns]);
+    let mut upright = vec![false; columns + 2];
+    let mut is_rim = vec![false; columns];
+    let mut rims = [Vec::new(), Vec::new()];
+    for y in y0..=y1 {
+        // The row below is looked at as it comes, and none but `y1` has none.
+        seldom.rotate_left(1);
+        if y < y1 {
+            let occupancy = &mask.occupancy[y * width + x0..y * width + x1];
+            seldom[2].iter_mut().zip(occupancy).for_each(|(seldom, it)| *seldom = is_seldom(*it));
+        } else {
+            seldom[2].fill(false);
         }
-        rims
+        if y == y0 {
+            continue;
+        }
+        let here = (y - 1) * width + x0;
+        let [above, own, below] = &seldom;
+        for (upright, ((a, b), c)) in upright[1..].iter_mut().zip(above.iter().zip(own).zip(below)) {
+            *upright = a | b | c;
+        }
+        for (rims, labels) in rims.iter_mut().zip([&mask.blobs.of, &mask.pieces.of]) {
+            let around = upright.iter().zip(&upright[1..]).zip(&upright[2..]);
+            let labels = &labels[here..here + columns];
+            for ((is_rim, label), ((left, middle), right)) in is_rim.iter_mut().zip(labels).zip(around) {
+                *is_rim = (*label != 0) & (left | middle | right);
+            }
+            rims.extend(few(&is_rim).map(|column| here + column));
+        }
     }
+    rims
 }
 
 /// Whether a pixel can only be of a fringe.
@@ -270,8 +298,7 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         bodies = label_bodies(&mut mask, params.min_area_px);
         label_pieces(&mut mask, &bodies, accumulation);
     }
-    mask.blobs.grow_fringes(mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
-    mask.pieces.grow_fringes(mask.width, mask.seen, &mask.occupancy, &mask.depth_m);
+    grow_fringes(&mut mask);
     mask
 }
 

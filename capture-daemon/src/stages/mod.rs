@@ -24,6 +24,7 @@ mod motion;
 pub mod outside;
 pub mod partition;
 pub mod presence;
+mod rank;
 mod ray;
 mod register;
 pub mod ribbon;

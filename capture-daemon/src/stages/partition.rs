@@ -102,11 +102,12 @@ pub fn root_distance(mask: &Mask, labels: &Labels, outline: &Outline, params: &P
 fn evenly(outline: &Outline) -> Option<Vec<Vec2>> {
     let mut closed = outline.points.clone();
     closed.push(closed[0]);
-    let count = polyline::length(&closed).round() as usize;
+    let cumulative = polyline::cumulative_length(&closed);
+    let count = cumulative.last()?.round() as usize;
     if count < 12 {
         return None;
     }
-    let mut points = polyline::resample(&closed, count + 1);
+    let mut points = polyline::resample_along(&closed, &cumulative, count + 1);
     points.pop();
     Some(points)
 }
@@ -201,7 +202,9 @@ fn smoothed(values: &[f32]) -> Vec<f32> {
     });
     let total: f32 = weights.iter().sum();
     let n = values.len();
-    let around: Vec<f32> = (0..n + 2 * HALF).map(|i| values[(i + (n - 1) * HALF) % n]).collect();
+    let before = (0..HALF).map(|i| values[(i + (n - 1) * HALF) % n]);
+    let after = (0..HALF).map(|i| values[i % n]);
+    let around: Vec<f32> = before.chain(values.iter().copied()).chain(after).collect();
     let mean = |window: &[f32]| {
         window.iter().zip(weights).map(|(value, weight)| weight * value).sum::<f32>() / total
     };
@@ -215,10 +218,23 @@ fn smoothed(values: &[f32]) -> Vec<f32> {
 /// Zero-dimensional persistence of a function on a line (Edelsbrunner et al. 2002).
 fn persistent_maxima(values: &[f32], threshold: f32) -> Vec<usize> {
     const NONE: usize = usize::MAX;
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_unstable_by(|a, b| values[*b].total_cmp(&values[*a]).then(a.cmp(b)));
-    // parent[i]: towards the component's highest index.
-    let mut parent = vec![NONE; values.len()];
+    // The first of equal values counts as the higher one. Nothing begins or ends but at maxima and minima.
+    let above = |a: usize, b: usize| values[a].total_cmp(&values[b]).then(b.cmp(&a)).is_gt();
+    let last = values.len().saturating_sub(1);
+    let turns: Vec<usize> = (0..values.len())
+        .filter(|index| {
+            let falls_before = *index == 0 || above(*index, index - 1);
+            let falls_after = *index == last || above(*index, index + 1);
+            falls_before == falls_after
+        })
+        .collect();
+    let mut order: Vec<usize> = (0..turns.len()).collect();
+    order.sort_unstable_by(|a, b| {
+        let (a, b) = (turns[*a], turns[*b]);
+        values[b].total_cmp(&values[a]).then(a.cmp(&b))
+    });
+    // parent[i]: towards the component's highest turn.
+    let mut parent = vec![NONE; turns.len()];
     let find = |parent: &mut Vec<usize>, mut index: usize| {
         while parent[index] != index {
             parent[index] = parent[parent[index]];
@@ -231,12 +247,13 @@ fn persistent_maxima(values: &[f32], threshold: f32) -> Vec<usize> {
         parent[index] = index;
         let left = (index > 0 && parent[index - 1] != NONE).then(|| find(&mut parent, index - 1));
         let right =
-            (index + 1 < values.len() && parent[index + 1] != NONE).then(|| find(&mut parent, index + 1));
+            (index + 1 < turns.len() && parent[index + 1] != NONE).then(|| find(&mut parent, index + 1));
+        let value = |turn: usize| values[turns[turn]];
         match (left, right) {
             (Some(a), Some(b)) => {
-                let (higher, lower) = if values[a] >= values[b] { (a, b) } else { (b, a) };
-                if values[lower] - values[index] >= threshold {
-                    maxima.push(lower);
+                let (higher, lower) = if value(a) >= value(b) { (a, b) } else { (b, a) };
+                if value(lower) - value(index) >= threshold {
+                    maxima.push(turns[lower]);
                 }
                 parent[lower] = higher;
                 parent[index] = higher;

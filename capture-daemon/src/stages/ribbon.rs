@@ -357,24 +357,41 @@ fn root_is_far(mask: &Mask, section: &Section, fields: &[Field]) -> bool {
 struct Course<'a> {
     sections: &'a [Section],
     /// Bounding box of what it reaches.
+    reached: Extent,
+    /// The same of each [`BLOCK`] of its sections.
+    blocks: Vec<Extent>,
+}
+
+/// Sections that are passed over together.
+const BLOCK: usize = 16;
+
+/// A box in the image, pixels.
+#[derive(Clone, Copy)]
+struct Extent {
     low: Vec2,
     high: Vec2,
-    /// The most that a section reaches, and is from the next, pixels.
-    widest_px: f32,
-    stride_px: f32,
+}
+
+impl Extent {
+    fn around(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    fn has(&self, point: Vec2) -> bool {
+        point.cmpge(self.low).all() && point.cmple(self.high).all()
+    }
 }
 
 impl<'a> Course<'a> {
     fn of(sections: &'a [Section]) -> Self {
-        let places = || sections.iter().map(|it| (it.expected.mid, Vec2::splat(Self::reach_px(it))));
-        let strides = sections.windows(2).map(|pair| pair[0].expected.mid.distance(pair[1].expected.mid));
-        Self {
-            sections,
-            low: places().map(|(mid, reach)| mid - reach).reduce(Vec2::min).unwrap_or_default(),
-            high: places().map(|(mid, reach)| mid + reach).reduce(Vec2::max).unwrap_or_default(),
-            widest_px: sections.iter().map(Self::reach_px).fold(0.0, f32::max),
-            stride_px: strides.fold(0.1, f32::max),
-        }
+        let reached = |section: &Section| {
+            let (mid, reach) = (section.expected.mid, Vec2::splat(Self::reach_px(section)));
+            Extent { low: mid - reach, high: mid + reach }
+        };
+        let nothing = Extent { low: Vec2::INFINITY, high: Vec2::NEG_INFINITY };
+        let block = |sections: &[Section]| sections.iter().map(reached).fold(nothing, Extent::around);
+        let blocks: Vec<Extent> = sections.chunks(BLOCK).map(block).collect();
+        Self { sections, reached: blocks.iter().copied().fold(nothing, Extent::around), blocks }
     }
 
     fn reach_px(section: &Section) -> f32 {
@@ -385,37 +402,36 @@ impl<'a> Course<'a> {
     /// `guess`: one that may be it, and then is.
     fn has(&self, section: &Section, tolerance_m: f32, guess: &mut usize) -> bool {
         let mid = section.expected.mid;
-        if !(mid.cmpge(self.low).all() && mid.cmple(self.high).all()) {
-            return false;
-        }
-        let lies_on = |own: &Section, off: f32| {
-            let near = off < Self::reach_px(own);
+        let lies_on = |own: &Section| {
+            let near = own.expected.mid.distance(mid) < Self::reach_px(own);
             near && (own.expected.depth_m - section.expected.depth_m).abs() < tolerance_m
         };
-        if self.sections.get(*guess).is_some_and(|own| lies_on(own, own.expected.mid.distance(mid))) {
+        if self.sections.get(*guess).is_some_and(lies_on) {
             return true;
         }
-        let mut i = 0;
-        while let Some(own) = self.sections.get(i) {
-            let off = own.expected.mid.distance(mid);
-            if lies_on(own, off) {
-                *guess = i;
-                return true;
-            }
-            // So many more are too far off.
-            i += 1 + ((off - self.widest_px) / self.stride_px).max(0.0) as usize;
-        }
-        false
+        let near = self.blocks.iter().zip(self.sections.chunks(BLOCK)).enumerate();
+        let found = near.filter(|(_, (reached, _))| reached.has(mid)).find_map(|(block, (_, sections))| {
+            sections.iter().position(lies_on).map(|at| block * BLOCK + at)
+        });
+        *guess = found.unwrap_or(*guess);
+        found.is_some()
     }
 
     /// Whether it has most of what is seen of another one.
     fn covers(&self, other: &Self, mask: &Mask) -> bool {
-        if self.low.cmpgt(other.high).any() || other.low.cmpgt(self.high).any() {
+        if self.reached.low.cmpgt(other.reached.high).any()
+            || other.reached.low.cmpgt(self.reached.high).any()
+        {
             return false;
         }
         let tolerance_m = 3.0 * tolerance_m(mask);
         let clear = || other.sections.iter().filter(|section| section.edges_seen() > 0);
-        let mut guess = 0;
-        2 * clear().filter(|section| self.has(section, tolerance_m, &mut guess)).count() > clear().count()
+        // Half of them that it does not have are enough to tell.
+        let (mut left, mut guess) = (clear().count().div_ceil(2), 0);
+        left > 0
+            && clear().all(|section| {
+                left -= usize::from(!self.has(section, tolerance_m, &mut guess));
+                left > 0
+            })
     }
 }

@@ -4,6 +4,7 @@
 use glam::{Vec2, Vec4};
 
 use super::mask::Mask;
+use super::rank::{self, Few};
 
 /// What is expected of a cross-section before it is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -196,7 +197,9 @@ impl Expected {
         );
         // The casts round towards the middle.
         let (first, last) = (inner.0 as i32, inner.1 as i32);
-        let mut aways: Vec<f32> = Vec::with_capacity((last - first + 1) as usize);
+        let mut few = Few::default();
+        let mut many: Vec<f32> = Vec::new();
+        let is_few = (last - first) as usize + 1 <= rank::MOST;
         let mut moments = [0.0; 2];
         let mut before = usize::MAX;
         const STEPS_PER_PX: i32 = (1.0 / STEP_PX) as i32;
@@ -209,14 +212,22 @@ impl Expected {
             let t = (Vec2::new(x, y) - self.mid).dot(self.across);
             let away = mask.depth_m[index] - self.depth_at(t);
             if away.abs() <= self.tolerance_m {
-                aways.push(away);
+                if is_few {
+                    few.push(away);
+                } else {
+                    many.push(away);
+                }
                 moments = [moments[0] + t * away, moments[1] + t * t];
                 before = index;
             }
         }
-        aways.sort_unstable_by(f32::total_cmp);
-        let n = aways.len();
-        let median = (n > 0).then(|| 0.5 * (aways[(n - 1) / 2] + aways[n / 2]));
+        many.sort_unstable_by(f32::total_cmp);
+        let n = if is_few { few.len() } else { many.len() };
+        let median = (n > 0).then(|| {
+            let ranks = [(n - 1) / 2, n / 2];
+            let [below, above] = if is_few { few.ranked(ranks) } else { ranks.map(|rank| many[rank]) };
+            0.5 * (below + above)
+        });
         Measured {
             middle,
             left_px: left,

@@ -5,6 +5,7 @@ use glam::Vec2;
 
 use super::mask::Mask;
 use super::partition::{Part, Side};
+use super::rank::Few;
 use super::ribbon::{ANCHOR, MIN_SEED_PX, Section, tolerance_m};
 use super::section::{Expected, Fold, Measured, Middle};
 use super::settle::{across_at, slopes};
@@ -12,20 +13,18 @@ use super::settle::{across_at, slopes};
 /// The stretch that the outline shows, from the part's base to its tip.
 pub(super) fn seed(mask: &Mask, part: &Part) -> Option<Vec<Section>> {
     let (midrib, widths) = matched_sides(part)?;
-    let count = polyline::length(&midrib).round() as usize;
+    let cumulative = polyline::cumulative_length(&midrib);
+    let count = cumulative.last()?.round() as usize;
     if count < MIN_SEED_PX {
         return None;
     }
-    let cumulative = polyline::cumulative_length(&midrib);
-    let total = *cumulative.last()?;
-    let at = |i: usize| polyline::locate(&cumulative, total * i as f32 / (count - 1) as f32);
-    let mids: Vec<Vec2> = (0..count).map(at).map(|(k, t)| midrib[k].lerp(midrib[k + 1], t)).collect();
+    let places: Vec<(usize, f32)> = polyline::locate_evenly(&cumulative, count).collect();
+    let mids: Vec<Vec2> = places.iter().map(|&(k, t)| midrib[k].lerp(midrib[k + 1], t)).collect();
     let tolerance_m = tolerance_m(mask);
     // The very end may be too thin for a reading.
     let first_depth_m = mids.iter().find_map(|mid| depth_near(mask, part.label, *mid))?;
     let mut sections: Vec<Section> = Vec::with_capacity(count);
-    for i in 0..count {
-        let (k, t) = at(i);
+    for (i, (k, t)) in places.into_iter().enumerate() {
         let half_px = 0.5 * (widths[k] + (widths[k + 1] - widths[k]) * t);
         let across = across_at(&mids, i);
         let known = depth_near(mask, part.label, mids[i]);
@@ -70,20 +69,21 @@ fn depth_near(mask: &Mask, piece: u16, point: Vec2) -> Option<f32> {
     const REACH: usize = 2;
     let center = mask.index_at(point)?;
     let (x, y) = (center % mask.width, center / mask.width);
-    let (mut depths, mut count) = ([0.0; (2 * REACH + 1).pow(2)], 0);
+    let mut depths = Few::default();
     let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(mask.width);
     for v in y.saturating_sub(REACH)..(y + REACH + 1).min(mask.height) {
         let row = v * mask.width + columns.start..v * mask.width + columns.end;
         let pixels = mask.pieces.of[row.clone()].iter().zip(&mask.occupancy[row.clone()]);
         for ((of, occupancy), depth) in pixels.zip(&mask.depth_m[row]) {
             if (*of == piece) & (*occupancy > 0.85) {
-                depths[count] = *depth;
-                count += 1;
+                depths.push(*depth);
             }
         }
     }
-    let depths = &mut depths[..count];
-    (count > 0).then(|| *depths.select_nth_unstable_by(count / 2, f32::total_cmp).1)
+    (depths.len() > 0).then(|| {
+        let [median] = depths.ranked([depths.len() / 2]);
+        median
+    })
 }
 
 /// Midpoints of the points on both sides at equal distance from the root, and their distances.

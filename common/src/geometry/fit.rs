@@ -11,6 +11,7 @@ pub struct Parabola {
 
 impl Parabola {
     /// Adds the sample `value` at `s`, with a weight ≥ 0.
+    #[inline]
     pub fn add(&mut self, s: f64, value: f64, weight: f64) {
         let mut power = weight;
         for k in 0..5 {
@@ -31,6 +32,7 @@ impl Parabola {
     /// let [a, b, c] = fit.solve(2, 0.0).expect("four samples");
     /// assert!((a - 16.0).abs() + (b - 8.0).abs() + (c - 1.0).abs() < 1e-9);
     /// ```
+    #[inline]
     pub fn shift(&mut self, by: f64) {
         // Binomial sums, as Pascal's triangle makes them.
         for first in 1..5 {
@@ -46,6 +48,7 @@ impl Parabola {
     }
 
     /// Multiplies the weights of all samples so far.
+    #[inline]
     pub fn scale(&mut self, factor: f64) {
         self.powers.iter_mut().chain(&mut self.values).for_each(|sum| *sum *= factor);
     }
@@ -63,6 +66,7 @@ impl Parabola {
     /// assert!((a - 5.0).abs() + (b + 1.0).abs() + (c - 2.0).abs() < 1e-9);
     /// assert!(fit.solve(2, 1e6).expect("four samples")[2].abs() < 1e-3);
     /// ```
+    #[inline]
     pub fn solve(&self, degree: usize, ridge: f64) -> Option<[f64; 3]> {
         let n = degree.min(2) + 1;
         if self.powers[0] <= 1e-9 {

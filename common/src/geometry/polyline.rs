@@ -59,21 +59,40 @@ pub fn length<P: Point>(points: &[P]) -> f32 {
 pub fn locate(cumulative: &[f32], s: f32) -> (usize, f32) {
     let last_segment = cumulative.len().saturating_sub(2);
     let index = cumulative.partition_point(|l| *l <= s).saturating_sub(1).min(last_segment);
+    within(cumulative, index, s)
+}
+
+/// The segment that begins at `index`, and the fraction along it where arc length `s` is reached.
+fn within(cumulative: &[f32], index: usize, s: f32) -> (usize, f32) {
     let span = cumulative.get(index + 1).copied().unwrap_or(0.0) - cumulative[index];
     let fraction = if span > 0.0 { ((s - cumulative[index]) / span).clamp(0.0, 1.0) } else { 0.0 };
     (index, fraction)
 }
 
-/// `count` points (≥ 2) at equal arc length along `points` (≥ 2), ends kept. O(n + count·log n).
+/// Where `count` places (≥ 2) at equal steps from end to end fall in `cumulative`, as [`locate`] tells it.
+/// O(n + count).
+pub fn locate_evenly(cumulative: &[f32], count: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
+    let total = cumulative.last().copied().unwrap_or(0.0);
+    let last_segment = cumulative.len().saturating_sub(2);
+    let mut index = 0;
+    (0..count).map(move |k| {
+        let s = total * k as f32 / (count - 1) as f32;
+        while index < last_segment && cumulative[index + 1] <= s {
+            index += 1;
+        }
+        within(cumulative, index, s)
+    })
+}
+
+/// `count` points (≥ 2) at equal arc length along `points` (≥ 2), ends kept. O(n + count).
 pub fn resample<P: Point>(points: &[P], count: usize) -> Vec<P> {
-    let cumulative = cumulative_length(points);
-    let total = *cumulative.last().expect("at least two points");
-    (0..count)
-        .map(|index| {
-            let (segment, t) = locate(&cumulative, total * index as f32 / (count - 1) as f32);
-            points[segment].toward(points[segment + 1], t)
-        })
-        .collect()
+    resample_along(points, &cumulative_length(points), count)
+}
+
+/// The same where the arc length to each point is known.
+pub fn resample_along<P: Point>(points: &[P], cumulative: &[f32], count: usize) -> Vec<P> {
+    let at = |(segment, t): (usize, f32)| points[segment].toward(points[segment + 1], t);
+    locate_evenly(cumulative, count).map(at).collect()
 }
 
 #[cfg(test)]
@@ -86,6 +105,15 @@ mod tests {
         let even = resample(&points, 5);
         for (index, point) in even.iter().enumerate() {
             assert!(point.distance(Vec3::X * 0.25 * index as f32) < 1e-6, "{even:?}");
+        }
+    }
+
+    #[test]
+    fn even_places_are_where_each_is_located() {
+        let cumulative = [0.0, 0.0, 1.0, 1.0, 1.0, 3.5, 7.0, 7.0];
+        for count in [2, 3, 8, 29, 200] {
+            let each = (0..count).map(|k| locate(&cumulative, 7.0 * k as f32 / (count - 1) as f32));
+            assert!(locate_evenly(&cumulative, count).eq(each), "{count}");
         }
     }
 

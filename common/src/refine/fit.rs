@@ -42,6 +42,11 @@ pub(super) fn keep(skeleton: &[Knot], motion: &Motion, distance_weight: f32, cou
     kept
 }
 
+/// The larger of two numbers: unlike `max`, a single instruction.
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
 /// How far a blade deviates from straight stretches between its vertices.
 struct Deviation {
     /// Left and right edge at rest.
@@ -92,16 +97,18 @@ impl Deviation {
     fn of(&self, from: usize, to: usize, bound: f32) -> f32 {
         let span = (self.along[to] - self.along[from]).max(f32::MIN_POSITIVE);
         let ([a_left, a_right], [b_left, b_right]) = (self.edges[from], self.edges[to]);
-        let (mut rest, mut moving) = (0.0_f32, 0.0_f32);
+        let (mut rest, mut farthest) = (0.0_f32, [0.0_f32; LANES]);
+        let weighed = |rest: f32, farthest: [f32; LANES]| {
+            self.weighed(rest, farthest.into_iter().reduce(larger).unwrap_or(0.0))
+        };
         // The middle is the likeliest to be far off: what is too much is soon told.
         let middle = from.midpoint(to).max(from + 1);
-        for vertex in (middle..to).chain(from + 1..middle) {
+        for (nth, vertex) in (middle..to).chain(from + 1..middle).enumerate() {
             let t = (self.along[vertex] - self.along[from]) / span;
             let [left, right] = self.edges[vertex];
-            rest = rest
-                .max(left.distance_squared(a_left.lerp(b_left, t)))
-                .max(right.distance_squared(a_right.lerp(b_right, t)));
-            let mut farthest = [0.0_f32; LANES];
+            let off_left = left.distance_squared(a_left.lerp(b_left, t));
+            let off_right = right.distance_squared(a_right.lerp(b_right, t));
+            rest = larger(larger(off_left, off_right), rest);
             let ends = self.track(from).iter().zip(self.track(to));
             for (position, (a, b)) in self.track(vertex).iter().zip(ends) {
                 for (lane, farthest) in farthest.iter_mut().enumerate() {
@@ -109,16 +116,15 @@ impl Deviation {
                         position[axis][lane] - (a[axis][lane] + (b[axis][lane] - a[axis][lane]) * t)
                     });
                     let squared = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
-                    // Unlike `max`, a single instruction.
-                    *farthest = if squared > *farthest { squared } else { *farthest };
+                    *farthest = larger(squared, *farthest);
                 }
             }
-            moving = farthest.into_iter().fold(moving, f32::max);
-            if self.weighed(rest, moving) > bound {
+            // To look takes as long as a vertex.
+            if nth % 4 == 0 && weighed(rest, farthest) > bound {
                 break;
             }
         }
-        self.weighed(rest, moving)
+        weighed(rest, farthest)
     }
 
     fn weighed(&self, rest: f32, moving: f32) -> f32 {

@@ -26,36 +26,36 @@ pub(super) struct Vectors {
 pub(super) struct Truths([u32; LANES]);
 
 impl Truths {
-    #[inline]
+    #[inline(always)]
     fn and(self, other: Self) -> Self {
         Self(array::from_fn(|lane| self.0[lane] & other.0[lane]))
     }
 
     /// Whether it holds for all of them.
-    #[inline]
+    #[inline(always)]
     fn all(self) -> bool {
         self.0.into_iter().fold(u32::MAX, |all, holds| all & holds) == u32::MAX
     }
 }
 
 impl Numbers {
-    #[inline]
+    #[inline(always)]
     pub(super) fn all(value: f32) -> Self {
         Self([value; LANES])
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn sqrt(self) -> Self {
         Self(self.0.map(f32::sqrt))
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn above(self, other: Self) -> Truths {
         Truths(array::from_fn(|lane| if self.0[lane] > other.0[lane] { u32::MAX } else { 0 }))
     }
 
     /// `self` where `holds`, else `other`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn or_where_not(self, holds: Truths, other: Self) -> Self {
         let bits = |lane: usize| {
             let (mine, theirs) = (self.0[lane].to_bits(), other.0[lane].to_bits());
@@ -69,7 +69,7 @@ macro_rules! by_lanes {
     ($trait:ident, $method:ident, $operator:tt) => {
         impl $trait for Numbers {
             type Output = Self;
-            #[inline]
+            #[inline(always)]
             fn $method(self, other: Self) -> Self {
                 Self(array::from_fn(|lane| self.0[lane] $operator other.0[lane]))
             }
@@ -82,7 +82,7 @@ by_lanes!(Mul, mul, *);
 by_lanes!(Div, div, /);
 
 impl Vectors {
-    #[inline]
+    #[inline(always)]
     pub(super) fn all(value: Vec3) -> Self {
         let [x, y, z] = value.to_array().map(Numbers::all);
         Self { x, y, z }
@@ -97,12 +97,12 @@ impl Vectors {
         Vec3::new(self.x.0[lane], self.y.0[lane], self.z.0[lane])
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn dot(self, other: Self) -> Numbers {
         self.x * other.x + self.y * other.y + self.z * other.z
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn cross(self, other: Self) -> Self {
         Self {
             x: self.y * other.z - other.y * self.z,
@@ -111,7 +111,7 @@ impl Vectors {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn length(self) -> Numbers {
         self.dot(self).sqrt()
     }
@@ -133,7 +133,7 @@ impl Vectors {
     }
 
     /// `self` where `holds`, else `other`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn or_where_not(self, holds: Truths, other: Self) -> Self {
         Self {
             x: self.x.or_where_not(holds, other.x),
@@ -145,7 +145,7 @@ impl Vectors {
 
 impl Add for Vectors {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         Self { x: self.x + other.x, y: self.y + other.y, z: self.z + other.z }
     }
@@ -153,7 +153,7 @@ impl Add for Vectors {
 
 impl Sub for Vectors {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn sub(self, other: Self) -> Self {
         Self { x: self.x - other.x, y: self.y - other.y, z: self.z - other.z }
     }
@@ -161,7 +161,7 @@ impl Sub for Vectors {
 
 impl Mul<Numbers> for Vectors {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn mul(self, by: Numbers) -> Self {
         Self { x: self.x * by, y: self.y * by, z: self.z * by }
     }
