@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
@@ -9,6 +11,7 @@ use common::library::library_hash;
 use common::preview::{PolylineKind, Preview, SEEN, State};
 use common::sealed::SealedBytes;
 use glam::Vec2;
+use rustix::process::Signal;
 use serde_json::{Value, json};
 use tests::daemon::Daemon;
 use tests::programs::{DEADLINE, Program, Running, wait_for};
@@ -323,6 +326,30 @@ fn a_hundred_readers_of_both_are_served_beside_those_that_stall() {
     assert_eq!(answered, 100);
     drop(stalled);
     wait_for(DEADLINE, || (previews_open(&mut daemon) <= 2).then_some(())).expect("they are given back");
+}
+
+#[test]
+fn what_a_reader_does_not_take_is_not_kept_for_it() {
+    let mut daemon = looping(0.0, &[("mask.near_m", "0.01".to_owned()), ("mask.far_m", "0.02".to_owned())]);
+    let (mut greedy, mut station) =
+        (UnixStream::connect(daemon.socket()).expect("it listens"), daemon.connect());
+    let mut after = 0;
+    for _ in 0..150 {
+        // Each reply would be of another preview.
+        greedy
+            .write_all(b"{\"method\":\"io.sward.Station.GetPreview\",\"parameters\":{\"after\":0}}\0")
+            .expect("it fits into the socket");
+        after = station.preview(after).header().sequence;
+    }
+    daemon.running().signal(Signal::STOP);
+    greedy.set_read_timeout(Some(Duration::from_millis(200))).expect("a socket has a timeout");
+    let mut replies = Vec::new();
+    // Ends with the timeout, since nothing comes from a station that is stopped.
+    let _ = greedy.read_to_end(&mut replies);
+    daemon.running().signal(Signal::CONT);
+    let kept = replies.iter().filter(|byte| **byte == 0).count();
+    assert!((1..50).contains(&kept), "{kept} previews wait for who does not read");
+    assert_ne!(station.preview(after).header().sequence, after);
 }
 
 #[test]
