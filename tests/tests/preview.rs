@@ -108,14 +108,18 @@ fn what_is_shown_of_a_capture_is_what_a_replay_says_of_it() {
     let blades: Vec<&Value> = events.iter().filter(|event| event["event"] == "blade").collect();
     assert!(!blades.is_empty());
     let daemon = looping(1.0, &[]);
-    let preview = daemon.connect().preview_that(|preview| preview.header().state == State::Captured);
+    // One that a frame was dropped before, where the machine is busy, is passed over.
+    let of_replay = (blades[0]["frame"].as_u64(), blades[0]["timestamp_ns"].as_u64());
+    let preview = daemon.connect().preview_that(|preview| {
+        let capture = preview.header().capture;
+        capture.is_some_and(|capture| (Some(capture.frame), Some(capture.timestamp_ns)) == of_replay)
+    });
     let header = preview.header();
-    let capture = header.capture.expect("it is captured");
     assert_eq!(
-        (Some(capture.frame), Some(capture.timestamp_ns)),
-        (blades[0]["frame"].as_u64(), blades[0]["timestamp_ns"].as_u64())
+        (header.state, header.capture.map(|c| c.blades as usize)),
+        (State::Captured, Some(blades.len()))
     );
-    assert_eq!((capture.blades as usize, preview.code()), (blades.len(), "captured"));
+    assert_eq!(preview.code(), "captured");
     assert!(preview.words().contains(&blades.len().to_string()), "{}", preview.words());
 
     let [fx, fy, cx, cy] = header.camera_px.map(f64::from);
@@ -249,7 +253,7 @@ fn nothing_is_made_ready_while_nobody_asks() {
 fn captures_are_the_same_with_and_without_readers() {
     let events = replay();
     let end = events.last().expect("a replay ends with an event");
-    let daemon = Daemon::start(&[("source.rate", "3.0".to_owned())]);
+    let daemon = Daemon::start(&[("source.rate", "1.0".to_owned())]);
     let socket = daemon.socket();
     let readers: Vec<_> = (0..8)
         .map(|_| {
