@@ -151,7 +151,7 @@ fn unanswered(socket: &Path, metadata: &Metadata, error: &anyhow::Error) -> Find
         ),
         _ => {
             let remedy = "see what listens there, or set service.socket to another path";
-            Finding::trouble(CHECK, place, error.to_string(), "a station of this version", remedy)
+            Finding::told(CHECK, &place.to_string(), &error.to_string(), "a station of this version", remedy)
         }
     }
 }
