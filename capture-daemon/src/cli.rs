@@ -15,7 +15,7 @@ use common::manual::Shell;
 ///
 /// Example: sward-capture replay recordings/row-3.mcap
 #[derive(Debug, Parser)]
-#[command(name = "sward-capture", version, max_term_width = 100)]
+#[command(name = "sward-capture", version, max_term_width = 100, subcommand_value_name = "VERB")]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -154,7 +154,7 @@ pub enum BladesVerb {
     ///
     /// Example: sward-capture blades show blade-12ab34cd
     Show {
-        /// Its name
+        /// Name of the blade
         name: String,
         /// Which station, and in what form.
         #[command(flatten)]
@@ -164,9 +164,9 @@ pub enum BladesVerb {
     ///
     /// Example: sward-capture blades rename blade-12ab34cd fern
     Rename {
-        /// Its name
+        /// Name of the blade
         name: String,
-        /// The new one: 1 to 48 bytes, no slash, no dot or space at its beginning
+        /// Its new name: 1 to 48 bytes, no slash, no dot or space at its beginning
         new_name: String,
         /// Which station.
         #[command(flatten)]
@@ -176,7 +176,7 @@ pub enum BladesVerb {
     ///
     /// Example: sward-capture blades remove fern
     Remove {
-        /// Its name
+        /// Name of the blade
         name: String,
         /// Which station.
         #[command(flatten)]
@@ -186,7 +186,7 @@ pub enum BladesVerb {
     ///
     /// Example: sward-capture blades restore fern
     Restore {
-        /// The name
+        /// Name that the blade had
         name: String,
         /// Which station.
         #[command(flatten)]
@@ -219,7 +219,7 @@ pub enum BladesVerb {
     Import {
         /// The file, .svg or .toml
         file: PathBuf,
-        /// Its name, where the file holds a single blade [default: as in the file]
+        /// Name of the blade, 1 to 48 bytes, where the file holds a single one [default: as in the file]
         #[arg(long)]
         name: Option<String>,
         /// Length of each midrib, millimetres, 1 to 10000 [default: as drawn]
@@ -233,9 +233,9 @@ pub enum BladesVerb {
     ///
     /// Example: sward-capture blades mix fern 2.5
     Mix {
-        /// Its name
+        /// Name of the blade
         name: String,
-        /// Its weight, times that of the others, 0 or more; all have 1 at first
+        /// Weight of the blade, times that of the others, 0 or more; all have 1 at first
         #[arg(allow_negative_numbers = true)]
         weight: f64,
         /// Which station.
@@ -247,7 +247,7 @@ pub enum BladesVerb {
 /// Which station to talk to.
 #[derive(Debug, Args)]
 pub struct StationArgs {
-    /// Its socket [default: service.socket of the configuration]
+    /// The station's socket [default: service.socket of the configuration]
     #[arg(long, value_name = "PATH")]
     pub socket: Option<PathBuf>,
     /// Configuration.
@@ -308,10 +308,10 @@ pub struct ListArgs {
 /// Where the configuration comes from.
 #[derive(Debug, Args)]
 pub struct ConfigArgs {
-    /// Configuration file (TOML); without it all keys have their defaults; see capture-daemon.toml(5)
+    /// Configuration file (TOML); without it all keys have their defaults. See capture-daemon.toml(5)
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// One key of the configuration as TOML, over the file; text needs quotes; repeatable
+    /// One key of the configuration as TOML, over the file; text needs quotes; may be given again
     ///
     /// Example: --set mask.far_m=0.8 --set 'service.socket="/tmp/sward.sock"'
     #[arg(long = "set", value_name = "KEY=VALUE")]

@@ -348,7 +348,7 @@ fn status_line(status: &Status, before: Option<&Status>) -> String {
     let since = |count: fn(&Status) -> i64| {
         let now = count(status);
         let more = before.map_or(0, |before| now - count(before));
-        if more == 0 { now.to_string() } else { format!("{now} ({more:+})") }
+        if more <= 0 { now.to_string() } else { format!("{now} ({more:+})") }
     };
     let dropped = since(|status| status.dropped_frames);
     let skipped = since(|status| status.skipped_frames);
@@ -382,6 +382,36 @@ fn status_page(status: &Status) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_says_the_rate_and_what_was_dropped_and_skipped_since_the_last() {
+        let status = |frames, dropped_frames, skipped_frames| Status {
+            state: "settling".to_owned(),
+            generation: 7,
+            blades: 3,
+            frames,
+            captures: 2,
+            skipped_frames,
+            dropped_frames,
+            frames_per_second: 28.5,
+            source: "a recording".to_owned(),
+            store: "ok".to_owned(),
+            waiting: 0,
+            lost: 0,
+            refused_files: 0,
+            clients: 1,
+            config: String::new(),
+            version: String::new(),
+        };
+        let before = status(100, 5, 1);
+        let counts = "  2 captures  3 blades  store ok\n";
+        let first = format!("settling    28.5 frames/s  100 frames  5 dropped  1 skipped{counts}");
+        assert_eq!(status_line(&before, None), first);
+        let next = format!("settling    28.5 frames/s  128 frames  7 (+2) dropped  1 skipped{counts}");
+        assert_eq!(status_line(&status(128, 7, 1), Some(&before)), next);
+        // A station that was started anew begins at 0.
+        assert!(status_line(&status(1, 0, 0), Some(&before)).contains("0 dropped  0 skipped"));
+    }
 
     #[test]
     fn a_time_is_a_date_of_utc() {

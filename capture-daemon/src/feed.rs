@@ -83,7 +83,12 @@ impl Reader {
     fn run(mut self) {
         loop {
             let given = self.source.next_frame();
-            let is_last = matches!(given, Err(SourceError::End | SourceError::Failed(_)));
+            if matches!(given, Err(SourceError::End | SourceError::Failed(_))) {
+                // Before it is opened again: two would take twice the memory.
+                drop(self.source);
+                let _ = self.to_stages.send(given);
+                return;
+            }
             let is_wanted = match (&mut self.pace, given) {
                 (Some(pace), Ok(frame)) => {
                     let due = Instant::now() + pace.wait(frame.timestamp_ns);
@@ -91,7 +96,7 @@ impl Reader {
                 }
                 (_, given) => self.to_stages.send(given).is_ok(),
             };
-            if is_last || !is_wanted {
+            if !is_wanted {
                 return;
             }
         }

@@ -9,7 +9,7 @@ use std::process::Command;
 use rustix::process::Signal;
 use serde_json::Value;
 use tests::daemon::Daemon;
-use tests::programs::{DEADLINE, Finished, Program, Running};
+use tests::programs::{DEADLINE, Finished, Program, Running, wait_for};
 use tests::shipped_recording;
 
 /// What the doctor is told of the station in `folder`.
@@ -71,6 +71,8 @@ fn a_station_that_is_well_is_found_well_and_what_becomes_of_it_is_seen() {
     let mut daemon = Daemon::start_in(folder, &[("source.loop", "true".to_owned())]);
     let mut station = daemon.connect();
     station.library_of_at_least(1);
+    let has_rate = || (station.status()["frames_per_second"].as_f64() > Some(0.0)).then_some(());
+    wait_for(DEADLINE, has_rate).expect("frames come");
     let place = daemon.folder().to_path_buf();
     let seen = doctor(&place);
     let of_store = ["store", "store.writable", "store.blades", "store.archive"];

@@ -115,7 +115,8 @@ fn bash_offers(script: &Path, line: &[&str]) -> Vec<String> {
     let (word, before) = (line[line.len() - 1], line[line.len() - 2]);
     let typed = line.iter().map(|word| format!("'{word}'")).collect::<Vec<_>>().join(" ");
     let code = format!(
-        "source '{}'; COMP_WORDS=({typed}); COMP_CWORD={}; _{program} {program} '{word}' '{before}'; \
+        "source '{}'; set -- $(complete -p {program}); while [ \"$1\" != -F ]; do shift; done; \
+         COMP_WORDS=({typed}); COMP_CWORD={}; $2 {program} '{word}' '{before}'; \
          printf '%s\\n' \"${{COMPREPLY[@]}}\"",
         script.display(),
         line.len() - 1,

@@ -21,7 +21,7 @@ use common::sentence::print;
 use serde::Serialize;
 
 use crate::cli::DoctorArgs;
-use crate::config::{self, Config};
+use crate::config::{self, Config, ConfigError};
 
 /// How long something that may hang is waited for.
 const DEADLINE: Duration = Duration::from_secs(5);
@@ -87,6 +87,15 @@ impl Finding {
     ) -> Self {
         let (expected, remedy) = (Some(expected.into()), Some(remedy.into()));
         Self { expected, remedy, ..Self::new(check, Verdict::Trouble, place, found) }
+    }
+
+    /// Trouble of which an error tells in a sentence, which may begin with `place` and may end with what was
+    /// expected; `expected` where it does not.
+    fn told(check: &'static str, place: &str, sentence: &str, expected: &str, remedy: &str) -> Self {
+        let found = sentence.strip_prefix(place).and_then(|rest| rest.strip_prefix(": ")).unwrap_or(sentence);
+        let told = found.split_once("; expected ").or_else(|| found.split_once(", expected "));
+        let (found, expected) = told.unwrap_or((found, expected));
+        Self::trouble(check, place, found, expected, remedy)
     }
 }
 
@@ -179,9 +188,13 @@ fn configuration(args: &DoctorArgs) -> (Option<Config>, Finding) {
     match config::load(args.config.config.as_deref(), &args.config.sets) {
         Ok(config) => (Some(config), Finding::ok("configuration", place, "every key is in its range")),
         Err(error) => {
+            let (place, reason) = match &error {
+                ConfigError::Unreadable { path, reason } => (path, reason),
+                ConfigError::Invalid { place, reason } => (place, reason),
+            };
             let expected = "a configuration that sward-capture check-config accepts";
             let remedy = "mend it; man capture-daemon.toml documents every key";
-            (None, Finding::trouble("configuration", place, error.to_string(), expected, remedy))
+            (None, Finding::told("configuration", place, reason, expected, remedy))
         }
     }
 }
@@ -234,6 +247,16 @@ mod tests {
         let (_held, never) = mpsc::channel::<()>();
         assert_eq!(within(Duration::from_millis(5), move || never.recv()), None);
         assert_eq!(within(DEADLINE, || 7), Some(7));
+    }
+
+    #[test]
+    fn what_an_error_tells_is_said_once() {
+        let of =
+            |sentence| Finding::told("source", "/r", sentence, "a recording", "take another").to_string();
+        let said = "TROUBLE  source            /r: it is text; expected a recording; take another";
+        assert_eq!(of("/r: it is text"), said);
+        assert_eq!(of("it is text; expected a recording"), said);
+        assert_eq!(of("/r: it is text, expected a recording"), said);
     }
 
     #[test]

@@ -13,6 +13,8 @@ use super::{Finding, station};
 use crate::client::{ClientError, status_of};
 
 const CHECK: &str = "socket";
+/// A station that runs for so long knows its rate of frames.
+const RATE_IS_KNOWN_AFTER: Duration = Duration::from_secs(2);
 
 /// The socket's folder, the socket, and the station that answers there, within `deadline`.
 pub(super) fn examine(socket: &Path, deadline: Duration) -> Vec<Finding> {
@@ -46,6 +48,13 @@ pub(super) fn examine(socket: &Path, deadline: Duration) -> Vec<Finding> {
     }
     match status_of(socket, deadline) {
         Ok(status) => {
+            let status = if status.frames_per_second > 0.0 || status.source == "none" {
+                status
+            } else {
+                // One that was just started has no rate yet.
+                std::thread::sleep(RATE_IS_KNOWN_AFTER);
+                status_of(socket, deadline).unwrap_or(status)
+            };
             all.push(Finding::ok(CHECK, place, format!("a station answers; {}", owner(&metadata))));
             all.extend(station::examine(&status));
         }
@@ -151,7 +160,7 @@ fn unanswered(socket: &Path, metadata: &Metadata, error: &anyhow::Error) -> Find
         ),
         _ => {
             let remedy = "see what listens there, or set service.socket to another path";
-            Finding::trouble(CHECK, place, error.to_string(), "a station of this version", remedy)
+            Finding::told(CHECK, &place.to_string(), &error.to_string(), "a station of this version", remedy)
         }
     }
 }

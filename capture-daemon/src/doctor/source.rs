@@ -35,7 +35,7 @@ pub(super) fn first_frame(config: &Config, deadline: Duration) -> Finding {
         ),
         Some(Err(reason)) => {
             let remedy = "set source.recording to another path, or see sward-capture info and recover";
-            Finding::trouble(CHECK, place, reason, EXPECTED, remedy)
+            Finding::told(CHECK, &place, &reason, EXPECTED, remedy)
         }
         None => {
             let found = format!("it gives no frame within {} s", deadline.as_secs_f64());
