@@ -4,7 +4,9 @@ use std::path::Path;
 
 use capture_daemon::store::record::Record;
 
-use crate::mutate::{Random, change, change_text};
+use tests::random::Random;
+
+use crate::mutate::{change, change_text};
 
 const SEEDS: [&str; 2] = [
     "format = 1\nknots = [\n  { position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] },\n  { position_m = [0.0, 0.2, 0.0], half_width_m = [0.0, 0.0] },\n]\n",
@@ -27,7 +29,7 @@ pub(crate) fn case(random: &mut Random, _folder: &Path) {
         change(&mut bytes, &[], random);
         text = String::from_utf8_lossy(&bytes).into_owned();
     }
-    match Record::parse("fern", &text, random.next() >> 1) {
+    match Record::parse("fern", &text, random.number() >> 1) {
         Ok(record) => {
             let written = record.to_toml();
             let again = Record::parse("fern", &written, 0).expect("what is written is read");

@@ -6,7 +6,7 @@ use capture_daemon::config::load;
 use capture_daemon::frame::{CameraModel, DepthFrame};
 use capture_daemon::session::Session;
 
-use crate::mutate::Random;
+use tests::random::Random;
 
 /// Settings within their ranges, some at their ends.
 fn settings(random: &mut Random) -> Vec<String> {
@@ -50,7 +50,7 @@ fn draw(frame: &mut DepthFrame, random: &mut Random) {
     let slope = random.within(-4.0, 4.0);
     let noise = random.below(12) as u16;
     let kind = random.below(9);
-    let mut hash = Random::new(random.next());
+    let mut hash = Random::new(random.number());
     for y in 0..height {
         for x in 0..width {
             let (u, v) = (x as f64 - x0, y as f64 - y0);
@@ -70,7 +70,7 @@ fn draw(frame: &mut DepthFrame, random: &mut Random) {
             };
             if inside {
                 let depth = f64::from(counts) + slope * along;
-                let jitter = if noise > 0 { (hash.next() % u64::from(noise)) as u16 } else { 0 };
+                let jitter = if noise > 0 { (hash.number() % u64::from(noise)) as u16 } else { 0 };
                 frame.depth[y * width + x] = (depth as u16).saturating_add(jitter);
             }
         }
@@ -124,7 +124,7 @@ pub(crate) fn case(random: &mut Random, _folder: &Path) {
             }
         }
         frame.timestamp_ns = match random.below(8) {
-            0 => random.next(),
+            0 => random.number(),
             1 => 0,
             _ => frame.timestamp_ns.saturating_add(33_333_333),
         };

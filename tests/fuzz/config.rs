@@ -7,7 +7,9 @@ use std::sync::LazyLock;
 use capture_daemon::config::load;
 use tests::root;
 
-use crate::mutate::{Random, change, change_text};
+use tests::random::Random;
+
+use crate::mutate::{change, change_text};
 
 /// The documented file, with its keys that have no default switched on.
 static SEED: LazyLock<String> = LazyLock::new(|| {

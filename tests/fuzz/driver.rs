@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::ALLOCATED;
-use crate::mutate::Random;
+use tests::random::Random;
 
 /// Memory that one case may take above what was there before, bytes: a message and a chunk of 64 MiB
 /// each, which is the most that is believed, and what they are decoded to.

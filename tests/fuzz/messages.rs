@@ -3,7 +3,9 @@
 use std::fs;
 use std::path::Path;
 
-use crate::mutate::{Random, change};
+use tests::random::Random;
+
+use crate::mutate::change;
 use crate::recordings::examine;
 use crate::seeds::{CAMERA_INFO, IMAGE, Message, forms, messages, recording};
 
@@ -41,7 +43,7 @@ pub(crate) fn case(random: &mut Random, folder: &Path) {
                 message.topic = *random.pick(&["/a", "/depth", "/infrared", "", "/camera/depth/camera_info"])
             }
             2 => message.schema = *random.pick(&[IMAGE, CAMERA_INFO, "std_msgs/msg/String", ""]),
-            3 => message.log_time = random.next(),
+            3 => message.log_time = random.number(),
             // A coefficient or an entry of K.
             4 if message.schema == CAMERA_INFO && message.data.len() >= 88 => {
                 let at = 4 + 8 * (8 + random.below(message.data.len() / 8 - 10));

@@ -1,45 +1,6 @@
-//! Random numbers, and what they do to bytes and text.
+//! What random numbers do to bytes and text.
 
-/// SplitMix64: the same numbers on every run.
-pub(crate) struct Random(u64);
-
-impl Random {
-    pub(crate) fn new(seed: u64) -> Self {
-        // Neighbouring seeds have nothing in common.
-        Self(seed.wrapping_mul(0xd134_2543_de82_ef95) ^ 0x2545_f491_4f6c_dd1d)
-    }
-
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ (x >> 31)
-    }
-
-    /// 0 to `end`, which is left out and not 0.
-    pub(crate) fn below(&mut self, end: usize) -> usize {
-        (self.next() % end as u64) as usize
-    }
-
-    /// True once in so many times.
-    pub(crate) fn once_in(&mut self, times: usize) -> bool {
-        self.below(times) == 0
-    }
-
-    /// 0 to 1.
-    pub(crate) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub(crate) fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
-    pub(crate) fn pick<'a, T>(&mut self, from: &'a [T]) -> &'a T {
-        &from[self.below(from.len())]
-    }
-}
+use tests::random::Random;
 
 /// Numbers that are at the border of something.
 const EVIL: [u64; 20] = [
@@ -68,13 +29,13 @@ const EVIL: [u64; 20] = [
 /// Changes bytes somewhere, or at one of `fields`, which are offsets of numbers.
 pub(crate) fn change(bytes: &mut Vec<u8>, fields: &[usize], random: &mut Random) {
     if bytes.is_empty() {
-        bytes.push(random.next() as u8);
+        bytes.push(random.number() as u8);
         return;
     }
     let at = random.below(bytes.len());
     match random.below(10) {
         0 => bytes[at] ^= 1 << random.below(8),
-        1 => bytes[at] = random.next() as u8,
+        1 => bytes[at] = random.number() as u8,
         2 => bytes.truncate(at),
         3 => {
             let end = (at + 1 + random.below(64)).min(bytes.len());
@@ -102,7 +63,7 @@ pub(crate) fn change(bytes: &mut Vec<u8>, fields: &[usize], random: &mut Random)
             let new = match random.below(4) {
                 0 => old.wrapping_add(1),
                 1 => old.wrapping_sub(1),
-                2 => random.next(),
+                2 => random.number(),
                 _ => *random.pick(&EVIL),
             };
             bytes[at..end].copy_from_slice(&new.to_le_bytes()[..end - at]);

@@ -6,7 +6,9 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma};
 
-use crate::mutate::{Random, change, change_text};
+use tests::random::Random;
+
+use crate::mutate::{change, change_text};
 use crate::recordings::examine;
 use crate::seeds::RECORDINGS;
 

@@ -7,7 +7,9 @@ use capture_daemon::frame::{CameraModel, DepthFrame, MAX_PIXELS};
 use capture_daemon::recording::{self, Distortion, GivenCamera, OpenOptions};
 use capture_daemon::source::SourceError;
 
-use crate::mutate::{Random, change};
+use tests::random::Random;
+
+use crate::mutate::change;
 use crate::seeds::RECORDINGS;
 
 /// Offsets of the numbers in the framing of a file's records and in the headers of its chunks.

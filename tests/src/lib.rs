@@ -2,6 +2,7 @@
 
 pub mod daemon;
 pub mod programs;
+pub mod random;
 pub mod scan;
 pub mod station;
 

@@ -10,6 +10,7 @@ use common::preview::{
     PreviewError, SEEN, State, encode,
 };
 use peak_alloc::PeakAlloc;
+use tests::random::Random;
 
 #[global_allocator]
 static MEMORY: PeakAlloc = PeakAlloc;
@@ -18,23 +19,6 @@ static MEASURED: Mutex<()> = Mutex::new(());
 
 fn alone() -> MutexGuard<'static, ()> {
     MEASURED.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// SplitMix64: the mutants are the same on every run.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ (x >> 31)
-    }
-
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() % end as u64) as usize
-    }
 }
 
 const HEADER: Header = Header {
@@ -170,7 +154,7 @@ fn what_is_written_is_read() {
 fn a_damaged_preview_is_refused_for_what_is_wrong_or_readable_throughout() {
     let bytes = preview();
     let _alone = alone();
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let mut reasons: BTreeMap<String, usize> = BTreeMap::new();
     MEMORY.reset_peak_usage();
     let before = MEMORY.current_usage();

@@ -13,6 +13,7 @@ use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg}
 use serde_json::{Value, json};
 use tests::daemon::Daemon;
 use tests::programs::{DEADLINE, Finished, Program, Running, wait_for};
+use tests::random::Random;
 
 const FERN: &str = "format = 1\nknots = [\n  { position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] },\n  { position_m = [0.0, 0.2, 0.0], half_width_m = [0.0, 0.0] },\n]\n";
 
@@ -201,19 +202,6 @@ fn what_is_wrong_with_a_call_is_said_and_the_connection_goes_on() {
     assert_eq!(listed["parameters"]["blades"][0]["mix"], json!(7.0));
 }
 
-/// SplitMix64: the noise is the same on every run.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, end: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((x ^ (x >> 31)) % end as u64) as usize
-    }
-}
-
 /// Reads what the station answers, until it has nothing more to say or waits for a library.
 fn hear_out(mut stream: UnixStream) {
     stream.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket has a timeout");
@@ -248,7 +236,7 @@ fn nothing_that_a_client_sends_stops_the_station() {
         "\"\\u0000\"",
         "\"../../x\"",
     ];
-    let mut random = Random(4);
+    let mut random = Random::new(4);
     let mut stream = UnixStream::connect(daemon.socket()).expect("it listens");
     for round in 0..2000 {
         let mut message = messages[random.below(messages.len())].as_bytes().to_vec();

@@ -7,23 +7,7 @@ use common::blade::{Blade, BladeId, Knot, check_knots};
 use common::library::layout::{HEADER_BYTES, KNOT_BYTES, RECORD_BYTES, encode, hash, header};
 use common::library::{Snapshot, SnapshotError};
 use glam::Vec3;
-
-/// SplitMix64: the mutants are the same on every run.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ (x >> 31)
-    }
-
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() % end as u64) as usize
-    }
-}
+use tests::random::Random;
 
 fn library() -> Vec<u8> {
     let name_lengths = [1, 7, 47, 48];
@@ -121,7 +105,7 @@ fn the_undamaged_library_is_valid() {
 #[test]
 fn no_damage_gets_past_the_hash() {
     let bytes = library();
-    let mut random = Random(1);
+    let mut random = Random::new(1);
     let mut damaged = 0;
     for round in 0..1000 {
         let mutant = mutant(&bytes, &mut random);
@@ -136,7 +120,7 @@ fn no_damage_gets_past_the_hash() {
 #[test]
 fn with_a_hash_that_fits_a_library_is_refused_for_what_is_wrong_or_readable_throughout() {
     let bytes = library();
-    let mut random = Random(2);
+    let mut random = Random::new(2);
     let mut reasons: BTreeMap<String, usize> = BTreeMap::new();
     for _ in 0..3000 {
         let mutant = repaired(mutant(&bytes, &mut random));
