@@ -235,7 +235,7 @@ pub enum BladesVerb {
     Mix {
         /// Name of the blade
         name: String,
-        /// Weight of the blade, times that of the others, 0 or more; all have 1 at first
+        /// Weight of the blade, times that of the others, 0 to 1000000; all have 1 at first
         #[arg(allow_negative_numbers = true)]
         weight: f64,
         /// Which station.
@@ -272,8 +272,8 @@ pub struct StatusArgs {
 /// What to show of what the station sees.
 #[derive(Debug, Args)]
 pub struct PreviewArgs {
-    /// The picture, a PNG; one that is there is replaced
-    #[arg(value_name = "OUT.png", required_unless_present = "watch")]
+    /// The picture, a .png; one that is there is replaced [default: only the text on stdout]
+    #[arg(value_name = "OUT.png", value_parser = png)]
     pub out: Option<PathBuf>,
     /// A line at each change of state, hold or message, until interrupted; the picture is drawn anew with each
     #[arg(long)]
@@ -360,6 +360,12 @@ pub struct RecoverArgs {
     pub recording: PathBuf,
     /// The MCAP file to write; nothing may be there yet
     pub out: PathBuf,
+}
+
+fn png(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    if is_png { Ok(path) } else { Err("expected a name that ends with .png".to_owned()) }
 }
 
 fn length_mm(text: &str) -> Result<f32, String> {

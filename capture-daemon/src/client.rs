@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use anyhow::Context;
+use common::blade::MAX_MIX;
 use common::protocol::{Blade, ListBladesReply, RefusedFile, ReloadReply, StationError, Status};
-use common::sentence::print;
+use common::sentence::{print, print_on};
 use common::station::StationProxy;
 use serde::Serialize;
 
@@ -203,9 +204,8 @@ pub fn status(args: &StatusArgs) -> anyhow::Result<()> {
         } else {
             status_page(&status)
         };
-        print(&text)?;
         before = Some(status);
-        if !args.watch {
+        if !print_on(&text)? || !args.watch {
             return Ok(());
         }
         std::thread::sleep(Duration::from_secs(1));
@@ -254,7 +254,7 @@ pub fn blades(verb: &BladesVerb) -> anyhow::Result<()> {
             files::import(file, name.as_deref(), *length_mm, station)
         }
         BladesVerb::Mix { name, weight, station } => {
-            if !(weight.is_finite() && *weight >= 0.0) {
+            if !(0.0..=f64::from(MAX_MIX)).contains(weight) {
                 // JSON could not even hold some of these.
                 return Err(ClientError::Refused(StationError::InvalidMix { mix: *weight }).into());
             }

@@ -5,6 +5,8 @@
 
 use glam::Vec3;
 
+/// Largest mix weight: the sum of those of a full library is far below what a number can hold.
+pub const MAX_MIX: f32 = 1e6;
 /// Fewest knots of a blade.
 pub const MIN_KNOTS: usize = 2;
 /// Most knots of a blade (Fan & Sheng §1: "no more than 64 vertices").
@@ -208,10 +210,10 @@ impl Blade {
     /// The same blade with another mix weight.
     ///
     /// # Errors
-    /// When the weight is not finite or below 0.
+    /// When the weight is not within 0 to [`MAX_MIX`].
     pub fn with_mix(mut self, mix: f32) -> Result<Self, BladeError> {
-        if !(mix.is_finite() && mix >= 0.0) {
-            return Err(BladeError::Range { what: "mix", value: mix, expected: "0 or more" });
+        if !(0.0..=MAX_MIX).contains(&mix) {
+            return Err(BladeError::Range { what: "mix", value: mix, expected: "0 to 1000000" });
         }
         self.mix = mix;
         Ok(self)

@@ -244,7 +244,9 @@ impl std::fmt::Display for StationError {
             Self::InvalidName { reason } | Self::FileRefused { reason } | Self::InvalidConfig { reason } => {
                 f.write_str(reason)
             }
-            Self::InvalidMix { mix } => write!(f, "the mix weight is {mix}, expected a number of 0 or more"),
+            Self::InvalidMix { mix } => {
+                write!(f, "the mix weight is {mix:?}, expected a number of 0 to 1000000")
+            }
             Self::NothingToRestore { name } => write!(f, "there is no earlier blade {name:?} to go back to"),
             Self::StoreTrouble { reason } => {
                 write!(

@@ -36,11 +36,19 @@ pub fn complain(program: &str, sentence: &str) {
 /// # Errors
 /// When stdout cannot be written for another reason, such as a full disk.
 pub fn print(text: &str) -> io::Result<()> {
-    match io::stdout().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            Err(io::Error::new(error.kind(), format!("stdout cannot be written: {error}")))
-        }
-        _ => Ok(()),
+    print_on(text).map(drop)
+}
+
+/// Writes to stdout; whether somebody reads on.
+///
+/// # Errors
+/// As [`print`].
+pub fn print_on(text: &str) -> io::Result<bool> {
+    let mut stdout = io::stdout();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(io::Error::new(error.kind(), format!("stdout cannot be written: {error}"))),
     }
 }
 

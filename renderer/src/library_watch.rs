@@ -89,17 +89,17 @@ impl LibraryWatch {
 }
 
 async fn follow_for_ever(socket: &Path, slot: &Slot) {
-    let mut after = 0;
+    let mut newest = 0;
     let mut retry = FIRST_RETRY;
     let mut said = String::new();
     loop {
-        let before = after;
-        let Err(error) = follow(socket, &mut after, slot).await;
-        if after != before {
+        let before = newest;
+        let Err(error) = follow(socket, &mut newest, slot).await;
+        if newest != before {
             retry = FIRST_RETRY;
         }
         let reason = error.to_string();
-        if reason != said || after != before {
+        if reason != said || newest != before {
             tracing::warn!(socket = %socket.display(), %reason, "no station; the meadow stays, trying again");
             said = reason;
         }
@@ -108,17 +108,23 @@ async fn follow_for_ever(socket: &Path, slot: &Slot) {
     }
 }
 
-/// Follows one connection until it ends.
-async fn follow(socket: &Path, after: &mut i64, slot: &Slot) -> Result<std::convert::Infallible, LostError> {
+/// Follows one connection until it ends. `newest`: the generation that came last, over any connection.
+async fn follow(socket: &Path, newest: &mut i64, slot: &Slot) -> Result<std::convert::Infallible, LostError> {
     let mut connection = zlink::tokio::unix::connect(socket).await?;
+    // Another station may answer now, or one whose store was replaced: its generations may be lower.
+    let mut after = 0;
     loop {
-        let (reply, descriptors) = connection.get_library(*after).await?;
+        let (reply, descriptors) = connection.get_library(after).await?;
         let reply = reply.map_err(LostError::Station)?;
-        if reply.generation <= *after {
-            return Err(LostError::NotNewer { generation: reply.generation, after: *after });
+        if reply.generation <= after {
+            return Err(LostError::NotNewer { generation: reply.generation, after });
         }
         // Counted as seen even when it is refused: asking again would bring the same bytes.
-        *after = reply.generation;
+        after = reply.generation;
+        if after == *newest {
+            continue;
+        }
+        *newest = after;
         match station::library(&reply, &descriptors) {
             Ok(library) => {
                 tracing::info!(generation = reply.generation, blades = library.len(), "new library");

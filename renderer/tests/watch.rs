@@ -67,8 +67,14 @@ fn the_watch_follows_a_station_that_comes_and_goes() {
     assert_eq!((newest.generation(), newest.len()), (9, 1), "only the newest is kept");
     assert!(watch.take().is_none(), "taken once");
 
-    let asked = serve_blocking(&socket, vec![(10, common::library(10, &[0, 2]))]);
-    assert_eq!(asked, [9, 10], "a station that is back is asked for what is newer");
-    assert_eq!(watch.wait_until(soon()).expect("a library").len(), 2);
+    let back = vec![(9, common::library(9, &[1])), (10, common::library(10, &[0, 2]))];
+    let asked = serve_blocking(&socket, back);
+    assert_eq!(asked, [0, 9, 10], "a station that is back is asked for what it has");
+    let newest = watch.wait_until(soon()).expect("a library");
+    assert_eq!((newest.generation(), newest.len()), (10, 2), "what is known already is no news");
+    let asked = serve_blocking(&socket, vec![(2, common::library(2, &[0]))]);
+    assert_eq!(asked, [0, 2]);
+    let newest = watch.wait_until(soon()).expect("a library");
+    assert_eq!((newest.generation(), newest.len()), (2, 1), "a station with another store begins lower");
     assert!(watch.wait_until(Instant::now()).is_none(), "a deadline is kept");
 }

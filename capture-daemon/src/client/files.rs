@@ -1,6 +1,7 @@
 //! `blades export` and `blades import`.
 
-use std::io::Write;
+use std::io::{Read, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -46,7 +47,10 @@ pub(super) fn export(file: &Path, names: &[String], args: &StationArgs) -> anyho
 /// Writes a file whole, or not at all; one that is there is replaced.
 pub(super) fn write_whole(file: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let written = tempfile::Builder::new().prefix(".sward-").tempfile_in(folder).and_then(|mut temporary| {
+    // Less the umask, as any other file.
+    let mode = std::fs::Permissions::from_mode(0o666);
+    let temporary = tempfile::Builder::new().prefix(".sward-").permissions(mode).tempfile_in(folder);
+    let written = temporary.and_then(|mut temporary| {
         temporary.write_all(bytes)?;
         temporary.persist(file)?;
         Ok(())
@@ -87,8 +91,15 @@ pub(super) fn import(
         let reason = "its name does not say what it is; expected one that ends with .svg or .toml";
         return Err(bad(reason.into()).into());
     }
-    let text =
-        std::fs::read(file).map_err(|error| bad(format!("{error}; expected a file that can be read")))?;
+    let mut text = Vec::new();
+    // Nothing longer is of use, and it may be without an end.
+    let bounded = std::fs::File::open(file).map(|file| file.take(svg_import::MAX_BYTES as u64 + 1));
+    bounded
+        .and_then(|mut bounded| bounded.read_to_end(&mut text))
+        .map_err(|error| bad(format!("{error}; expected a file that can be read")))?;
+    if text.len() > svg_import::MAX_BYTES {
+        return Err(bad("it is too long; expected 4 MB at most".into()).into());
+    }
     let blades: Vec<(String, String)> = if kind == "svg" {
         let unix_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_nanos() as u64);
         let length_m = length_mm.map(|mm| mm * 1e-3);
@@ -157,5 +168,5 @@ fn record(blade: Blade, source: &str) -> Record {
 
 /// A path's name as that of a file.
 fn fit_for_a_file(name: &str) -> String {
-    name.replace('/', "-").trim_start_matches('.').trim().to_owned()
+    name.replace('/', "-").trim_start_matches(['.', '-']).trim().to_owned()
 }

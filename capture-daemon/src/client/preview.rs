@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::Context;
 use common::preview::{CaptureNote, HAND, Header, PolylineKind, Preview, SEEN, State};
 use common::sealed::SealedBytes;
-use common::sentence::print;
+use common::sentence::{print, print_on};
 use common::station::{self, StationProxy};
 use glam::Vec2;
 use tiny_skia::{Color, FilterQuality, Pixmap, PixmapPaint, PremultipliedColorU8, Transform};
@@ -34,7 +34,9 @@ pub fn preview(args: &PreviewArgs) -> anyhow::Result<()> {
     loop {
         let line = line(&preview);
         if line != said {
-            print(&line)?;
+            if !print_on(&line)? {
+                return Ok(());
+            }
             if let Some(out) = &args.out {
                 write(out, &preview)?;
             }

@@ -1,8 +1,13 @@
 //! The range of each key.
 
 use std::ops::RangeInclusive;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
 
 use super::Config;
+
+/// Longest path of a socket, bytes: the system has no room for more.
+const MAX_SOCKET_BYTES: usize = 107;
 
 /// The first key whose value is out of its range, and the range.
 pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
@@ -22,9 +27,12 @@ pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     let empty_region = mask.roi.is_some_and(|[x0, y0, x1, y1]| x0 >= x1 || y0 >= y1);
     let region = || Some(("mask.roi", "[x0, y0, x1, y1] with x0 < x1 and y0 < y1".to_owned()));
     let order = || Some(("mask.far_m", format!("more than mask.near_m ({})", mask.near_m)));
-    let socket = || Some(("service.socket", "the path of a socket".to_owned()));
+    let socket =
+        || Some(("service.socket", format!("the path of a socket, of 1 to {MAX_SOCKET_BYTES} bytes")));
     let directory = || Some(("store.directory", "the path of a folder".to_owned()));
-    let no_directory = store.directory.as_ref().is_some_and(|path| path.as_os_str().is_empty());
+    let is_none = |path: &Path| path.as_os_str().is_empty() || path.as_os_str().as_bytes().contains(&0);
+    let no_directory = store.directory.as_deref().is_some_and(is_none);
+    let no_socket = is_none(&service.socket) || service.socket.as_os_str().len() > MAX_SOCKET_BYTES;
     let who = |key, list: &[String]| {
         let odd = list.iter().any(|entry| entry.is_empty() || entry == "@");
         odd.then(|| (key, "a list of \"*\", users, and groups with @ before them".to_owned()))
@@ -37,7 +45,7 @@ pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
         .or_else(|| who("service.watch", &service.watch))
         .or_else(|| who("service.change", &service.change))
         .or_else(|| within("service.max_connections", service.max_connections as f64, 2.0..=10_000.0))
-        .or_else(|| service.socket.as_os_str().is_empty().then(socket).flatten())
+        .or_else(|| no_socket.then(socket).flatten())
         .or_else(|| focal("camera.fx", camera.fx))
         .or_else(|| focal("camera.fy", camera.fy))
         .or_else(|| centre("camera.cx", camera.cx))

@@ -18,6 +18,7 @@ use crate::session::{Capture, Session};
 use crate::stages::accumulate::Accumulation;
 use crate::stages::contour::{self, Outline};
 use crate::stages::mask::{self, Mask, MaskParams};
+use crate::stages::skeleton::Skeleton;
 use crate::stages::{cover, presence};
 use crate::station::State;
 use crate::visitor::{Message, Visitor};
@@ -230,7 +231,37 @@ fn labels(steps: &Steps, blades: &[u32]) -> Vec<u8> {
     };
     let labels = lying.iter().skip(1).map(|lying| u8::try_from(label(lying)).unwrap_or(u8::MAX));
     let labels: Vec<u8> = std::iter::once(0).chain(labels).collect();
-    of.iter().map(|part| labels[*part as usize]).collect()
+    let mut of: Vec<u8> = of.iter().map(|part| labels[*part as usize]).collect();
+    // Where it is known to lie a blade has its pixels, whosever part it shares.
+    for (skeleton, blade) in steps.skeletons.iter().zip(blades).filter(|(_, blade)| **blade > 0) {
+        paint(&steps.mask, skeleton, u8::try_from(*blade).unwrap_or(u8::MAX), &mut of);
+    }
+    of
+}
+
+/// Gives a blade the pixels between its edges at which it is what is seen.
+fn paint(mask: &Mask, skeleton: &Skeleton, label: u8, of: &mut [u8]) {
+    /// Readings farther from it are of something before or behind it, metres.
+    const NEAR_M: f32 = 0.015;
+    const STEP_PX: f32 = 0.5;
+    for pair in skeleton.stations.windows(2) {
+        let steps = (pair[0].mid.distance(pair[1].mid) / STEP_PX).ceil().max(1.0);
+        for t in (0..steps as u32).map(|k| k as f32 / steps) {
+            let between = |from: f32, to: f32| from + (to - from) * t;
+            let (left, right) =
+                (between(pair[0].left_px, pair[1].left_px), between(pair[0].right_px, pair[1].right_px));
+            let (mid, depth_m) =
+                (pair[0].mid.lerp(pair[1].mid, t), between(pair[0].depth_m, pair[1].depth_m));
+            let (first, last) = ((-left / STEP_PX).ceil() as i32, (right / STEP_PX) as i32);
+            for away in (first..=last).map(|k| k as f32 * STEP_PX) {
+                let Some(index) = mask.index_at(mid + pair[0].across * away) else { continue };
+                let expected_m = depth_m + pair[0].slope_m * away;
+                if mask.blobs.of[index] != 0 && (mask.depth_m[index] - expected_m).abs() < NEAR_M {
+                    of[index] = label;
+                }
+            }
+        }
+    }
 }
 
 fn contours(outlines: &[Outline]) -> Vec<Polyline> {

@@ -85,7 +85,7 @@ pub(crate) enum StoreError {
     #[error("{0}")]
     Name(String),
     /// A weight out of its range.
-    #[error("the mix weight is {0}, expected a number of 0 or more")]
+    #[error("the mix weight is {0}, expected a number of 0 to 1000000")]
     Mix(f64),
     /// There is nothing to go back to.
     #[error("there is no earlier blade of the name {0:?} to go back to")]

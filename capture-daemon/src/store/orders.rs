@@ -2,6 +2,8 @@
 
 use std::io;
 
+use common::blade::MAX_MIX;
+
 use super::file::{
     SUFFIX, Signature, make_folder, shelve, shelve_text, shift, text, versions, write_as_of, write_atomically,
 };
@@ -90,7 +92,7 @@ impl Store {
     /// When there is no such blade, the weight is out of its range, or the disk refuses.
     pub(crate) fn set_mix(&mut self, name: &str, mix: f64) -> Result<(), StoreError> {
         let weight = mix as f32;
-        if !(weight.is_finite() && weight >= 0.0) {
+        if !(0.0..=f64::from(MAX_MIX)).contains(&mix) {
             return Err(StoreError::Mix(mix));
         }
         self.settled(name)?;

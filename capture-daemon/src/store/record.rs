@@ -87,8 +87,8 @@ pub struct RecordError {
 pub fn check_name(name: &str) -> Result<(), String> {
     let wrong = if name.is_empty() || name.len() > MAX_NAME_BYTES {
         format!("has {} bytes", name.len())
-    } else if name.contains('/') || name.chars().any(char::is_control) {
-        "holds a slash or a control character".to_owned()
+    } else if name.contains('/') || name.chars().any(|c| c.is_control() || is_invisible(c)) {
+        "holds a slash, or a character that controls or is not seen".to_owned()
     } else if name.starts_with('.') || name.trim() != name {
         "begins with a dot or a space, or ends with a space".to_owned()
     } else {
@@ -97,6 +97,12 @@ pub fn check_name(name: &str) -> Result<(), String> {
     Err(format!(
         "the name {name:?} {wrong}, expected 1 to {MAX_NAME_BYTES} bytes without slash, control character, leading dot, or space at either end"
     ))
+}
+
+/// Whether a character turns the direction of a line around or takes no room in it: a name would not read as it
+/// is (Unicode's bidirectional controls, separators and zero-width characters).
+fn is_invisible(c: char) -> bool {
+    matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{61c}' | '\u{feff}')
 }
 
 #[derive(Deserialize)]
