@@ -87,9 +87,9 @@ mod tests {
                 sorted.iter().for_each(|value| few.push(*value));
                 sorted.sort_by(f32::total_cmp);
                 assert_eq!(few.len(), count);
-                for rank in 0..count {
+                for (rank, expected) in sorted.iter().enumerate() {
                     let [own, first] = few.ranked([rank, 0]);
-                    assert_eq!(own.to_bits(), sorted[rank].to_bits(), "{rank} of {sorted:?}");
+                    assert_eq!(own.to_bits(), expected.to_bits(), "{rank} of {sorted:?}");
                     assert_eq!(first.to_bits(), sorted[0].to_bits());
                 }
             }

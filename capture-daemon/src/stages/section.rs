@@ -199,7 +199,7 @@ impl Expected {
         let (first, last) = (inner.0 as i32, inner.1 as i32);
         let mut few = Few::default();
         let mut many: Vec<f32> = Vec::new();
-        let is_few = (last - first) as usize + 1 <= rank::MOST;
+        let is_few = ((last - first) as usize) < rank::MOST;
         let mut moments = [0.0; 2];
         let mut before = usize::MAX;
         const STEPS_PER_PX: i32 = (1.0 / STEP_PX) as i32;
