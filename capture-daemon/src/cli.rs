@@ -82,7 +82,7 @@ pub enum Verb {
     ///
     /// Example: sward-capture status --watch
     Status(StatusArgs),
-    /// Look through the eyes of the station that runs: a picture of what it sees, and what it tells the visitor
+    /// Draw what the station that runs sees, and say what it tells the visitor
     ///
     /// For whoever mounts the camera. Depth is the brighter the nearer, red before the depth window and blue behind
     /// it; what is seen within has a light border, hands are brown, contours yellow, and a captured blade has its

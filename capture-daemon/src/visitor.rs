@@ -72,11 +72,13 @@ pub struct Visitor {
     message: Message,
     /// When it was first told, the frame's time.
     since_ns: u64,
+    /// It is of something outside of the depth window.
+    is_outside: bool,
 }
 
 impl Default for Visitor {
     fn default() -> Self {
-        Self { message: Message::Waiting, since_ns: 0 }
+        Self { message: Message::Waiting, since_ns: 0, is_outside: false }
     }
 }
 
@@ -90,13 +92,13 @@ impl Visitor {
             (None, State::Captured) => None,
             (None, State::Waiting) => {
                 let elapsed_ns = timestamp_ns.checked_sub(self.since_ns);
-                let outside = matches!(self.message, Message::Refused(Refusal::TooFar | Refusal::TooNear));
-                let is_told = outside && elapsed_ns.is_some_and(|elapsed| elapsed < OUTSIDE_NS);
+                let is_told = self.is_outside && elapsed_ns.is_some_and(|elapsed| elapsed < OUTSIDE_NS);
                 (!is_told).then_some(Message::Waiting)
             }
         };
         if let Some(message) = message.filter(|message| *message != self.message || capture.is_some()) {
-            *self = Self { message, since_ns: timestamp_ns };
+            let is_outside = capture.is_some() && state == State::Waiting;
+            *self = Self { message, since_ns: timestamp_ns, is_outside };
         }
         self.message
     }
@@ -172,7 +174,9 @@ mod tests {
     }
 
     #[test]
-    fn codes_and_words_fit_a_preview() {
+    fn codes_and_words_fit_a_preview_and_are_documented() {
+        let document = include_str!("../docs/visitor.md");
+        let interface = common::protocol::DEFINITION;
         let refusals = [Refusal::TooFar, Refusal::TooSteep, Refusal::Unsure { score: 0.1, needed: 0.2 }];
         let messages = [
             Message::Waiting,
@@ -188,6 +192,14 @@ mod tests {
                 (1..=24).contains(&code.len()) && code.bytes().all(|b| b.is_ascii_lowercase() || b == b'_')
             );
             assert!((10..=512).contains(&message.to_string().len()), "{message}");
+        }
+        for message in &messages {
+            let (code, words) = (message.code(), message.to_string().replace("4096", "5"));
+            assert!(
+                document.contains(&format!("| `{code}` | {words} |")),
+                "{code} is not documented: {words}"
+            );
+            assert!(interface.contains(code), "the interface does not name {code}");
         }
     }
 }

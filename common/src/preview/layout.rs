@@ -194,7 +194,7 @@ pub struct Polyline {
     /// What it is.
     pub kind: PolylineKind,
     /// Of a skeleton: the number of its blade in the capture, from 1; 0 for one that was refused. Of a contour:
-    /// its own number from 1, from the largest region to the smallest.
+    /// its own number from 1.
     pub label: u32,
     /// Its points, pixels; at least two.
     pub points: Vec<Point>,

@@ -331,3 +331,6 @@ impl Previewer {
         self.looks.send_replace(Some(Arc::new(look)));
     }
 }
+
+#[cfg(test)]
+mod tests;
