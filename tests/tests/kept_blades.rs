@@ -353,7 +353,7 @@ fn two_stations_do_not_share_a_store() {
     let other = daemon.folder().join("other.socket");
     let mut command = Daemon::command(daemon.folder(), &by_hand());
     command.args(["--set".to_owned(), format!("service.socket={other:?}")]).env("SWARD_LOG", "off");
-    let refused = tests::programs::Running::start(command).finish(DEADLINE);
+    let refused = Running::start(command).finish(DEADLINE);
     assert_eq!(refused.code, Some(1), "{refused:?}");
     assert!(refused.stderr.contains("state directory is in use"), "{refused:?}");
     assert!(!other.exists());
