@@ -60,7 +60,7 @@ struct Meadow {
 
 impl Meadow {
     fn follow(socket: &Path, out: &Path) -> Self {
-        let (heard, told) = listen(&["drawn", "new library", "refused"]);
+        let (heard, told) = listen(&["drawn", "new library", "library refused"]);
         let mut command = Program::Render.command(["--headless", "--frames", "100000000", "--size", "64x36"]);
         command.arg("--socket").arg(socket).arg("--out").arg(out);
         let _renderer = Running::follow(command, heard);
@@ -70,7 +70,7 @@ impl Meadow {
     /// The next line; pictures come one after the other, and none shows less than the one before.
     fn hear(&mut self) -> Line {
         let line = self.told.recv_timeout(DEADLINE).expect("the picture does not stop");
-        assert!(!line.says("refused"), "{}", line.text);
+        assert!(!line.says("library refused"), "{}", line.text);
         if line.says("drawn") {
             assert_eq!(line.field("index"), Some(self.pictures), "{}", line.text);
             let generation = line.field("generation").expect("it is said");
