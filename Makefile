@@ -2,8 +2,11 @@
 RECORDING ?=
 SECONDS ?= 60
 START ?= 0
+ONLY ?=
+PUBLISHES ?= 100000
+KILLS ?= 1000
 
-.PHONY: help demo test bench fuzz recordings
+.PHONY: help demo test bench figures soak fuzz recordings
 
 help:
 	@echo 'make demo   grow a meadow from a shipped recording: in a window, else in picture files (demo-out/)'
@@ -13,6 +16,9 @@ help:
 	@echo '            START=case goes on behind the cases that were run before'
 	@echo 'make recordings   the shipped recordings anew, with their truth and checksums'
 	@echo 'make bench  times of the stages beside OpenCV, and the memory of a long replay'
+	@echo 'make figures   latency from frame to picture, publishing, processor time and start, as a table (6 min);'
+	@echo '            ONLY="latency publish cpu start" measures some of it'
+	@echo 'make soak   what takes hours in place of seconds: PUBLISHES=100000 in flat memory, KILLS=1000 of the daemon'
 
 demo:
 	@.ci/demo $(RECORDING)
@@ -25,6 +31,12 @@ fuzz:
 
 bench:
 	@.ci/bench
+
+figures:
+	@.ci/figures $(ONLY)
+
+soak:
+	@.ci/soak $(PUBLISHES) $(KILLS)
 
 recordings:
 	@.ci/recordings

@@ -118,6 +118,7 @@ impl Reader {
 
     /// Whether anybody still wants frames.
     fn offer(&self, frame: DepthFrame) -> bool {
+        tracing::trace!(timestamp_ns = frame.timestamp_ns, "frame due");
         match self.to_stages.try_send(Ok(frame)) {
             Ok(()) => true,
             Err(TrySendError::Full(_)) => {

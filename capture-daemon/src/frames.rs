@@ -341,6 +341,7 @@ impl Frames {
             tracing::info!(frame = capture.frame, code = refusal.code(), %refusal, "refused");
         }
         let (frame, blades) = (capture.frame, &capture.steps.blades);
+        tracing::debug!(frame, timestamp_ns = capture.timestamp_ns, blades = blades.len(), "stages done");
         if blades.is_empty() {
             return self.answer(Ok(CaptureReply { names: Vec::new(), refused }));
         }

@@ -362,10 +362,14 @@ impl Keeper {
             if let Err(error) = self.store.prepare() {
                 self.note_trouble(&error);
             }
+            let started = Instant::now();
             match Published::new(self.store.next_generation(), &self.store.blades()) {
                 Ok(published) => {
                     self.stale = false;
+                    let (generation, blades) = (published.generation(), published.blades());
                     self.announcements.library.send_replace(Some(Arc::new(published)));
+                    let seconds = started.elapsed().as_secs_f32();
+                    tracing::debug!(generation, blades, seconds, "announced");
                 }
                 Err(error) => tracing::error!(%error, "the library cannot be published; the last one stays"),
             }

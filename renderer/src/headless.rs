@@ -26,6 +26,7 @@ pub struct Studio {
     meadow: Meadow,
     targets: Targets,
     picture: wgpu::Texture,
+    generation: u64,
 }
 
 impl Studio {
@@ -41,6 +42,7 @@ impl Studio {
             meadow: Meadow::new(&gpu, format),
             targets: Targets::new(&gpu, size),
             picture: targets::texture(&gpu, "picture", size, format, 1, usage),
+            generation: 0,
             gpu,
         })
     }
@@ -48,6 +50,12 @@ impl Studio {
     /// Lets this library grow from the next picture on.
     pub fn plant<B: AsRef<[u8]>>(&mut self, library: &Snapshot<B>) {
         self.meadow.plant(&self.gpu, library);
+        self.generation = library.generation();
+    }
+
+    /// Generation of the library that the next picture shows; 0 while the meadow is bare.
+    pub fn generation(&self) -> u64 {
+        self.generation
     }
 
     /// Draws one frame. Returns sRGB with alpha, 4 bytes a pixel, rows from the top.
@@ -88,7 +96,8 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         }
         let started = Instant::now();
         let pixels = studio.draw(&cli.view(index as f32 / FRAMES_PER_SECOND * cli.time_scale))?;
-        tracing::info!(index, seconds = started.elapsed().as_secs_f32(), "drawn");
+        let seconds = started.elapsed().as_secs_f32();
+        tracing::info!(index, seconds, generation = studio.generation(), "drawn");
         let path = write_picture(out, index, cli.size, &pixels)?;
         writeln!(std::io::stdout(), "{}", path.display()).context("cannot write to stdout")?;
     }

@@ -63,8 +63,20 @@ impl Daemon {
     /// # Panics
     /// If its socket does not answer.
     pub fn start_command(folder: TempDir, command: Command) -> Self {
+        Self::start_followed(folder, command, |_| {})
+    }
+
+    /// The same; `heard` is called with each line that it writes.
+    ///
+    /// # Panics
+    /// If its socket does not answer.
+    pub fn start_followed(
+        folder: TempDir,
+        command: Command,
+        heard: impl Fn(&str) + Clone + Send + 'static,
+    ) -> Self {
         let socket = folder.path().join("station.socket");
-        let running = Running::start(command).wait_for_socket(&socket);
+        let running = Running::follow(command, heard).wait_for_socket(&socket);
         // It listens before all is read; who is answered finds it ready.
         Station::connect(&socket).status();
         Self { folder, running }

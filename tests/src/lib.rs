@@ -1,6 +1,8 @@
 //! What the cross-crate tests share: the programs and how to run them, and reading source as text.
 
 pub mod daemon;
+pub mod log;
+pub mod process;
 pub mod programs;
 pub mod random;
 pub mod scan;

@@ -2,7 +2,7 @@
 //! test that started them is over.
 
 use std::ffi::OsStr;
-use std::io::Read;
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Once;
@@ -87,24 +87,36 @@ pub struct Running {
     stderr: Option<JoinHandle<String>>,
 }
 
-fn collect(mut pipe: impl Read + Send + 'static) -> JoinHandle<String> {
+fn collect(pipe: impl Read + Send + 'static, heard: impl Fn(&str) + Send + 'static) -> JoinHandle<String> {
     std::thread::spawn(move || {
-        let mut bytes = Vec::new();
-        pipe.read_to_end(&mut bytes).expect("a pipe is readable");
-        String::from_utf8_lossy(&bytes).into_owned()
+        let mut pipe = BufReader::new(pipe);
+        let mut text = String::new();
+        let mut line = Vec::new();
+        while pipe.read_until(b'\n', &mut line).expect("a pipe is readable") > 0 {
+            let read = String::from_utf8_lossy(&line);
+            heard(read.trim_end_matches('\n'));
+            text.push_str(&read);
+            line.clear();
+        }
+        text
     })
 }
 
 impl Running {
     /// Starts a command and keeps what it writes.
-    pub fn start(mut command: Command) -> Self {
+    pub fn start(command: Command) -> Self {
+        Self::follow(command, |_| {})
+    }
+
+    /// The same; `heard` is called with each line that it writes, to either pipe, as soon as it is there.
+    pub fn follow(mut command: Command, heard: impl Fn(&str) + Clone + Send + 'static) -> Self {
         let mut child = command
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
             .unwrap_or_else(|error| panic!("{command:?}: {error}"));
-        let stdout = child.stdout.take().map(collect);
-        let stderr = child.stderr.take().map(collect);
+        let stdout = child.stdout.take().map(|pipe| collect(pipe, heard.clone()));
+        let stderr = child.stderr.take().map(|pipe| collect(pipe, heard));
         Self { child, stdout, stderr }
     }
 

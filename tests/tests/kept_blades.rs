@@ -5,12 +5,14 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
+use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use common::library::BladeView;
 use serde_json::{Value, json};
 use tests::daemon::Daemon;
-use tests::programs::{DEADLINE, Program, wait_for};
+use tests::log::{Line, listen};
+use tests::programs::{DEADLINE, Program, Running, wait_for};
 use tests::station::Station;
 
 const FERN: &str = "format = 1\nknots = [\n  { position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] },\n  { position_m = [0.0, 0.2, 0.0], half_width_m = [0.0, 0.0] },\n]\n";
@@ -47,9 +49,55 @@ fn library_with(station: &mut Station, what: impl Fn(&[BladeView<'_>]) -> bool) 
     }
 }
 
+/// The real renderer beside a daemon that comes and goes.
+struct Meadow {
+    _renderer: Running,
+    told: Receiver<Line>,
+    pictures: u64,
+    generation: u64,
+    libraries: u64,
+}
+
+impl Meadow {
+    fn follow(socket: &Path, out: &Path) -> Self {
+        let (heard, told) = listen(&["drawn", "new library", "library refused"]);
+        let mut command = Program::Render.command(["--headless", "--frames", "100000000", "--size", "64x36"]);
+        command.arg("--socket").arg(socket).arg("--out").arg(out);
+        let _renderer = Running::follow(command, heard);
+        Self { _renderer, told, pictures: 0, generation: 0, libraries: 0 }
+    }
+
+    /// The next line; pictures come one after the other, and none shows less than the one before.
+    fn hear(&mut self) -> Line {
+        let line = self.told.recv_timeout(DEADLINE).expect("the picture does not stop");
+        assert!(!line.says("library refused"), "{}", line.text);
+        if line.says("drawn") {
+            assert_eq!(line.field("index"), Some(self.pictures), "{}", line.text);
+            let generation = line.field("generation").expect("it is said");
+            assert!(generation >= self.generation, "{} is shown before {}", self.generation, line.text);
+            self.pictures += 1;
+            self.generation = generation;
+        } else {
+            self.libraries += 1;
+        }
+        line
+    }
+
+    /// Waits for two pictures after `moment`: the second was begun after it.
+    fn goes_on(&mut self, moment: Instant) {
+        let mut pictures = 0;
+        while pictures < 2 {
+            let line = self.hear();
+            pictures += u32::from(line.says("drawn") && line.at > moment);
+        }
+    }
+}
+
 #[test]
-fn killed_at_any_moment_it_has_every_blade_that_it_announced() {
+fn killed_at_any_moment_it_has_every_blade_that_it_announced_and_the_picture_goes_on() {
     let mut folder = tempfile::tempdir().expect("a folder");
+    let pictures = tempfile::tempdir().expect("a folder");
+    let mut meadow = Meadow::follow(&folder.path().join("station.socket"), pictures.path());
     let (mut announced, mut generation) = (BTreeSet::new(), 0u64);
     let mut grown = 0;
     let kills = std::env::var("SWARD_KILLS").map_or(20, |kills| kills.parse().expect("a whole number"));
@@ -85,12 +133,24 @@ fn killed_at_any_moment_it_has_every_blade_that_it_announced() {
         let moment = (round * 7919 + 13) % 397;
         std::thread::sleep(Duration::from_millis(moment));
         folder = daemon.kill();
+        meadow.goes_on(Instant::now());
         let (last, seen) = followed.join().expect("the reader does not panic");
         generation = generation.max(last);
         announced.extend(seen);
         grown += usize::from(announced.len() > before);
     }
     assert!(grown > 5 && announced.len() > 15, "{} blades in {grown} rounds", announced.len());
+    let daemon = Daemon::start_in(folder, &by_hand());
+    let library = daemon.connect().library(0);
+    while meadow.generation < library.generation() {
+        meadow.hear();
+    }
+    let Meadow { pictures, libraries, .. } = meadow;
+    eprintln!(
+        "{kills} kills: {} blades, all there; {pictures} pictures without a stop, {libraries} libraries received",
+        library.len()
+    );
+    assert!(libraries > 2, "the renderer connects again and again: {libraries} libraries");
 }
 
 #[test]
@@ -169,6 +229,12 @@ fn it_holds_4096_blades_and_the_oldest_goes_to_the_archive() {
     assert_eq!(library.len(), 4096);
     let listed = station.call("ListBlades", &json!({})).0;
     assert_eq!(listed["parameters"]["blades"].as_array().map(Vec::len), Some(4096));
+
+    assert_eq!(daemon.client(&["blades", "list"]).stdout.lines().count(), 4096);
+    let drawing = daemon.folder().join("all.svg");
+    assert_eq!(daemon.client(&["blades", "export", drawing.to_str().expect("UTF-8")]).code, Some(0));
+    let drawing = fs::read_to_string(drawing).expect("it is written");
+    assert!(drawing.matches("<path").count() >= 4096, "each blade is drawn");
 
     fs::write(daemon.blades().join("one-more.toml"), FERN).expect("room");
     library_with(&mut station, |blades| blades.iter().any(|blade| blade.name() == "one-more"));
@@ -287,7 +353,7 @@ fn two_stations_do_not_share_a_store() {
     let other = daemon.folder().join("other.socket");
     let mut command = Daemon::command(daemon.folder(), &by_hand());
     command.args(["--set".to_owned(), format!("service.socket={other:?}")]).env("SWARD_LOG", "off");
-    let refused = tests::programs::Running::start(command).finish(DEADLINE);
+    let refused = Running::start(command).finish(DEADLINE);
     assert_eq!(refused.code, Some(1), "{refused:?}");
     assert!(refused.stderr.contains("state directory is in use"), "{refused:?}");
     assert!(!other.exists());

@@ -404,3 +404,24 @@ fn generations_grow_though_the_clock_was_set_back_years() {
         before = second;
     }
 }
+
+#[test]
+fn a_clock_that_steps_back_changes_neither_the_order_nor_who_goes_first() {
+    let folder = folder();
+    let mut store = open(&folder);
+    // In years, as the clock said: ahead, mended, without a battery, mended again.
+    let order = [2100, 2026, 1, 1970, 2027];
+    for number in order {
+        assert_eq!(store.keep(&captured(number)).expect("room"), Kept::New);
+    }
+    let expected: Vec<String> = order[1..].iter().map(|n| captured(*n).blade.name().to_owned()).collect();
+    assert_eq!(names(&store), expected, "the one that came first made room");
+    drop(store);
+    let mut store = Store::open_with(folder.path(), 0, 4, 2).expect("it opens");
+    assert_eq!(names(&store), expected);
+    assert_eq!(store.keep(&captured(1)).expect("room"), Kept::Known);
+    store.keep(&captured(3)).expect("room");
+    assert!(!names(&store).contains(&expected[0]) && names(&store).contains(&expected[1]));
+    store.restore(captured(2100).blade.name()).expect("it is in the archive, with its time ahead");
+    assert_eq!(names(&store).len(), 4);
+}
