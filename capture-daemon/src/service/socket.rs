@@ -13,6 +13,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use listenfd::ListenFd;
+use nix::sys::socket::getsockopt;
+use nix::sys::socket::sockopt::PeerCredentials;
 use rustix::net::sockopt::{set_socket_send_buffer_size, socket_acceptconn};
 use tokio::net::{UnixListener, UnixStream};
 use zlink::connection::socket::FetchPeerCredentials;
@@ -193,12 +195,17 @@ async fn admit(
     limit: usize,
 ) -> io::Result<(zlink::tokio::unix::Stream, Peer, Seat)> {
     set_socket_send_buffer_size(&stream, SEND_BUFFER_BYTES)?;
+    let plain = getsockopt(&stream, PeerCredentials)?;
     let stream = zlink::tokio::unix::Stream::try_from(stream).map_err(io::Error::other)?;
-    let credentials = stream.fetch_peer_credentials().await?;
-    let groups = credentials.unix_supplementary_group_ids().iter();
-    let peer = Peer {
-        uid: credentials.unix_user_id().as_raw(),
-        gids: groups.chain([&credentials.unix_primary_group_id()]).map(|gid| gid.as_raw()).collect(),
+    let peer = match stream.fetch_peer_credentials().await {
+        Ok(credentials) => {
+            let groups = credentials.unix_supplementary_group_ids().iter();
+            let gids = groups.chain([&credentials.unix_primary_group_id()]).map(|gid| gid.as_raw()).collect();
+            Peer { uid: credentials.unix_user_id().as_raw(), gids }
+        }
+        // Processes outside of our own PID namespace (beside a container) have no PID here, and zlink gives up on
+        // them. User and primary group are known all the same.
+        Err(_) => Peer { uid: plain.uid(), gids: vec![plain.gid()] },
     };
     let own_limit = if service.access.borrow().is_own(&peer) { limit } else { limit.div_ceil(2) };
     let mut by_user = counts.borrow_mut();
