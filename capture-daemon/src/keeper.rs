@@ -196,9 +196,8 @@ impl Keeper {
                 notify::EventKind::Access(_) => true,
                 _ => false,
             });
-            if !is_reading {
-                changed.store(true, Ordering::Relaxed);
-                // A queue that is full wakes the keeper as well.
+            // Woken once until it looks: many changes crowd out no order. A queue that is full wakes it as well.
+            if !is_reading && !changed.swap(true, Ordering::Relaxed) {
                 let _ = wake.try_send(Job::Files);
             }
         };
