@@ -42,7 +42,7 @@ pub fn print(text: &str) -> io::Result<()> {
 /// Writes to stdout; whether somebody reads on.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn print_on(text: &str) -> io::Result<bool> {
     let mut stdout = io::stdout();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {

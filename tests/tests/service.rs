@@ -65,7 +65,7 @@ fn each_verb_does_what_it_says_and_says_why_when_it_cannot() {
     refused(&client(&["blades", "show", "fern"]), 1, &["no blade \"fern\"", "blades list"]);
     refused(&client(&["blades", "rename", "moss", "moss"]), 1, &["\"moss\"", "choose another name"]);
     refused(&client(&["blades", "rename", "moss", "../moss"]), 2, &["slash", "expected"]);
-    refused(&client(&["blades", "mix", "moss", "-1"]), 2, &["-1", "0 or more"]);
+    refused(&client(&["blades", "mix", "moss", "-1"]), 2, &["-1", "0 to 1000000"]);
     refused(&client(&["blades", "mix", "moss", "nan"]), 2, &["NaN"]);
     refused(&client(&["blades", "restore", "moss"]), 1, &["no earlier blade \"moss\""]);
     assert_eq!(client(&["blades", "remove", "moss"]).code, Some(0));
