@@ -248,7 +248,9 @@ fn nothing_is_made_ready_while_nobody_asks() {
     assert_eq!(previews_open(&mut daemon), 0);
     let preview = station.preview(0);
     assert!(preview.header().sequence > before as u64 + 50, "frames are counted all the same");
-    assert_eq!(previews_open(&mut daemon), 1, "one for all readers, until another is asked for");
+    // That of the reply itself is closed a moment after it was sent.
+    let kept = wait_for(DEADLINE, || (previews_open(&mut daemon) == 1).then_some(()));
+    assert!(kept.is_some(), "one for all readers, until another is asked for");
 }
 
 #[test]
@@ -407,6 +409,8 @@ fn many_previews_leave_nothing_behind() {
     let (few, before) = (open_files(&mut daemon).len(), kilobytes(&mut daemon));
     read(1000);
     std::thread::sleep(Duration::from_millis(50));
-    assert!(open_files(&mut daemon).len() <= few + 2, "{:?}", open_files(&mut daemon));
-    assert!(kilobytes(&mut daemon) < before + 8192, "{} kB, {before} kB before", kilobytes(&mut daemon));
+    let flat = wait_for(DEADLINE, || (open_files(&mut daemon).len() <= few + 2).then_some(()));
+    assert!(flat.is_some(), "{:?}", open_files(&mut daemon));
+    // Frames on their way take some megabytes, or not; previews that were kept would take 1,200.
+    assert!(kilobytes(&mut daemon) < before + 65_536, "{} kB, {before} kB before", kilobytes(&mut daemon));
 }
