@@ -61,7 +61,10 @@ struct Meadow {
 impl Meadow {
     fn follow(socket: &Path, out: &Path) -> Self {
         let (heard, told) = listen(&["drawn", "new library", "library refused"]);
-        let mut command = Program::Render.command(["--headless", "--frames", "100000000", "--size", "64x36"]);
+        // Straight down, where few blades stand: many pictures for the processor.
+        let view = ["--pitch-deg", "-89", "--fov-deg", "10", "--size", "64x36"];
+        let mut command = Program::Render.command(["--headless", "--frames", "100000000"]);
+        command.args(view);
         command.arg("--socket").arg(socket).arg("--out").arg(out);
         let _renderer = Running::follow(command, heard);
         Self { _renderer, told, pictures: 0, generation: 0, libraries: 0 }
@@ -108,6 +111,7 @@ fn killed_at_any_moment_it_has_every_blade_that_it_announced_and_the_picture_goe
             ("source.rate", "0.0".to_owned()),
             ("capture.hold_s", format!("{:?}", 0.05 * (round % 5) as f64)),
             ("refine.knots", (3 + round % 62).to_string()),
+            ("refine.distance_weight", format!("{:?}", 0.5 / (1 + round / 310) as f64)),
         ];
         let daemon = Daemon::start_in(folder, &settings);
         let mut reader = daemon.connect();
@@ -119,6 +123,15 @@ fn killed_at_any_moment_it_has_every_blade_that_it_announced_and_the_picture_goe
             let lost: Vec<&String> = announced.difference(&there).collect();
             assert!(lost.is_empty(), "round {round}: {lost:?} are lost");
             assert!(library.generation() > generation, "round {round}: {generation} comes again");
+        }
+        // Many kills would fill the library, and what the archive takes is not lost.
+        if announced.len() > 1000 {
+            let mut station = daemon.connect();
+            for name in names(&mut station) {
+                let (reply, _) = station.call("RemoveBlade", &json!({"name": name}));
+                assert!(reply.get("error").is_none(), "{reply}");
+            }
+            announced.clear();
         }
         let before = announced.len();
         let followed = std::thread::spawn(move || {
@@ -139,7 +152,7 @@ fn killed_at_any_moment_it_has_every_blade_that_it_announced_and_the_picture_goe
         announced.extend(seen);
         grown += usize::from(announced.len() > before);
     }
-    assert!(grown > 5 && announced.len() > 15, "{} blades in {grown} rounds", announced.len());
+    assert!(grown as u64 > kills / 4, "only {grown} of {kills} rounds had something new to keep");
     let daemon = Daemon::start_in(folder, &by_hand());
     let library = daemon.connect().library(0);
     while meadow.generation < library.generation() {
