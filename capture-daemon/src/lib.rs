@@ -12,6 +12,7 @@ pub mod frame;
 mod frames;
 mod keeper;
 pub mod logging;
+mod mistake;
 pub mod pipeline;
 pub mod preview;
 pub mod recording;

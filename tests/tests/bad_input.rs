@@ -92,13 +92,13 @@ fn a_config_with_an_unknown_table() {
 #[test]
 fn a_config_with_a_value_of_the_wrong_type() {
     let (finished, path) = with_config("[mask]\nnear_m = \"close\"\n");
-    refused(&finished, 2, &[&format!("{path}:2:10")]);
+    refused(&finished, 2, &[&format!("{path}:2:10: `mask.near_m` is text"), "expected a number, such as"]);
 }
 
 #[test]
 fn a_config_with_a_value_out_of_its_range() {
     let (finished, path) = with_config("[refine]\n\nknots = 65\n");
-    refused(&finished, 2, &[&format!("{path}:3:1"), "refine.knots", "2 to 64"]);
+    refused(&finished, 2, &[&format!("{path}:3:9"), "refine.knots", "2 to 64"]);
 }
 
 #[test]

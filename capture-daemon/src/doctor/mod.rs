@@ -235,7 +235,7 @@ mod tests {
         std::fs::write(&path, "[refine]\nknots = 65\n").expect("room");
         let found = examine(&args(Some(&path), &[]));
         let of = |check: &str| found.iter().find(|finding| finding.check == check).expect("it is checked");
-        assert_trouble(of("configuration"), &["station.toml:2:1", "2 to 64", "mend it"]);
+        assert_trouble(of("configuration"), &["station.toml:2:9", "2 to 64", "mend it"]);
         assert_eq!(of("store").verdict, Verdict::Skipped);
         assert_eq!(of("limits.memfd").verdict, Verdict::Ok);
         let (config, finding) = configuration(&args(None, &["refine.knots=12"]));
