@@ -8,13 +8,14 @@ use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 use common::blade::{BladeId, Kind};
-use common::protocol::{self, CaptureReply, RefusedFile, StationError};
+use common::protocol::{self, CaptureReply, EarlierBlade, RefusedFile, StationError};
 use notify::Watcher;
 use notify::event::{AccessKind, AccessMode};
 use tokio::sync::{oneshot, watch};
 
 use crate::service::Published;
 use crate::store::record::Record;
+use crate::store::shelf::Version;
 use crate::store::{Kept, Store, StoreError};
 
 /// Orders and captures that may wait for the keeper.
@@ -37,8 +38,8 @@ pub(crate) enum Order {
     Remove { name: String },
     /// Give it another name.
     Rename { name: String, new_name: String },
-    /// Bring back the one before.
-    Restore { name: String },
+    /// Go back to an earlier one: so many, from 1.
+    Restore { name: String, back: usize },
     /// Set its weight.
     SetMix { name: String, mix: f64 },
     /// Put the blade of a file's text there, instead of one of that name.
@@ -68,6 +69,8 @@ pub(crate) enum Job {
     Captured(Vec<Record>, Option<CaptureAsked>),
     /// An order and where its outcome goes.
     Order(Order, oneshot::Sender<Outcome<()>>),
+    /// What a name can go back to.
+    History(String, oneshot::Sender<Vec<EarlierBlade>>),
     /// Look whether files have changed.
     Files,
     /// Finish.
@@ -160,6 +163,7 @@ impl Keeper {
                 Ok(Job::Stop) | Err(mpsc::RecvTimeoutError::Disconnected) => break,
                 Ok(Job::Captured(records, asked)) => self.captured(records, asked),
                 Ok(Job::Order(order, asked)) => self.obey(&order, asked),
+                Ok(Job::History(name, asked)) => self.tell_history(&name, asked),
                 Ok(Job::Files) | Err(mpsc::RecvTimeoutError::Timeout) => {}
             }
             let now = Instant::now();
@@ -272,7 +276,7 @@ impl Keeper {
         let done = match order {
             Order::Remove { name } => self.store.remove(name),
             Order::Rename { name, new_name } => self.store.rename(name, new_name),
-            Order::Restore { name } => self.store.restore(name),
+            Order::Restore { name, back } => self.store.restore(name, *back),
             Order::SetMix { name, mix } => self.store.set_mix(name, *mix),
             Order::Put { name, text } => self.store.put_text(name, &text.0),
         };
@@ -290,6 +294,19 @@ impl Keeper {
         }
         self.announce();
         let _ = asked.send(done.map_err(told));
+    }
+
+    fn tell_history(&mut self, name: &str, asked: oneshot::Sender<Vec<EarlierBlade>>) {
+        self.rescan();
+        let earlier = |(version, back): (Version, i64)| EarlierBlade {
+            back,
+            kept_unix_ns: i64::try_from(version.kept_unix_ns).unwrap_or(i64::MAX),
+            archived: self.store.is_archived(&version),
+            renamed_to: version.renamed_to,
+            blade: shown(&version.record),
+        };
+        // Who asked may have left.
+        let _ = asked.send(self.store.earlier(name).into_iter().zip(1..).map(earlier).collect());
     }
 
     fn rescan(&mut self) {

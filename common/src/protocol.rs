@@ -111,6 +111,22 @@ pub struct Blade {
     pub frames: Option<i64>,
 }
 
+/// An earlier blade of a name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, introspect::CustomType)]
+#[zlink(crate = "zlink_core")]
+pub struct EarlierBlade {
+    /// How far back it is: 1 is the newest.
+    pub back: i64,
+    /// Until when it had the name, nanoseconds since 1970.
+    pub kept_unix_ns: i64,
+    /// It had to make room in a full library.
+    pub archived: bool,
+    /// The name that it got instead.
+    pub renamed_to: Option<String>,
+    /// The blade as it was.
+    pub blade: Blade,
+}
+
 /// A file in the store that is no blade.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, introspect::CustomType)]
 #[zlink(crate = "zlink_core")]
@@ -129,6 +145,14 @@ pub struct ListBladesReply {
     pub blades: Vec<Blade>,
     /// Files that are none.
     pub refused: Vec<RefusedFile>,
+}
+
+/// The reply of `ListHistory`.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct ListHistoryReply {
+    /// What the name can go back to, the newest first.
+    pub earlier: Vec<EarlierBlade>,
 }
 
 /// The reply of `Capture`.
@@ -195,7 +219,7 @@ pub enum StationError {
         /// What was sent.
         mix: f64,
     },
-    /// There is no earlier blade of this name.
+    /// There is no earlier blade of this name, or not so far back.
     NothingToRestore {
         /// What was sent.
         name: String,
@@ -247,7 +271,10 @@ impl std::fmt::Display for StationError {
             Self::InvalidMix { mix } => {
                 write!(f, "the mix weight is {mix:?}, expected a number of 0 to 1000000")
             }
-            Self::NothingToRestore { name } => write!(f, "there is no earlier blade {name:?} to go back to"),
+            Self::NothingToRestore { name } => write!(
+                f,
+                "there is no earlier blade {name:?}, or not so many; sward-capture blades show lists what there is"
+            ),
             Self::StoreTrouble { reason } => {
                 write!(
                     f,
@@ -293,7 +320,9 @@ mod tests {
     fn the_types_are_those_of_the_file() {
         let members = members();
         let mut known = BTreeSet::new();
-        for custom in [Status::CUSTOM_TYPE, Blade::CUSTOM_TYPE, RefusedFile::CUSTOM_TYPE] {
+        for custom in
+            [Status::CUSTOM_TYPE, Blade::CUSTOM_TYPE, EarlierBlade::CUSTOM_TYPE, RefusedFile::CUSTOM_TYPE]
+        {
             known.insert(bare(&custom.to_string()));
         }
         for error in StationError::VARIANTS {
@@ -304,6 +333,7 @@ mod tests {
             ("GetPreview(after:int)", Preview::TYPE),
             ("GetStatus()", GetStatusReply::TYPE),
             ("ListBlades()", ListBladesReply::TYPE),
+            ("ListHistory(name:string)", ListHistoryReply::TYPE),
             ("Capture()", CaptureReply::TYPE),
             ("Reload()", ReloadReply::TYPE),
         ] {
@@ -316,9 +346,8 @@ mod tests {
         ] {
             known.insert(format!("method{call}->()"));
         }
-        for name in ["RemoveBlade", "RestoreBlade"] {
-            known.insert(format!("method{name}(name:string)->()"));
-        }
+        known.insert("methodRemoveBlade(name:string)->()".to_owned());
+        known.insert("methodRestoreBlade(name:string,back:?int)->()".to_owned());
         assert_eq!(known, members);
     }
 }

@@ -62,12 +62,33 @@ fn each_verb_does_what_it_says_and_says_why_when_it_cannot() {
 
     assert_eq!(client(&["blades", "mix", "fern", "0"]).code, Some(0));
     assert_eq!(client(&["blades", "rename", "fern", "moss"]).code, Some(0));
-    refused(&client(&["blades", "show", "fern"]), 1, &["no blade \"fern\"", "blades list"]);
+    refused(&client(&["blades", "show", "heather"]), 1, &["no blade \"heather\"", "blades list"]);
+    let gone = client(&["blades", "show", "fern"]);
+    let lines: Vec<&str> = gone.stdout.lines().collect();
+    assert!(
+        gone.code == Some(0) && lines.len() == 4 && lines[1].contains("no blade has this name"),
+        "{gone:?}"
+    );
+    assert!(
+        lines[2].starts_with("history   1  until 2") && lines[2].ends_with("mix 0  renamed to \"moss\""),
+        "{gone:?}"
+    );
+    assert!(lines[3].starts_with("          2  until 2") && lines[3].ends_with("mix 1"), "{gone:?}");
+    assert_eq!(client(&["blades", "restore", "fern"]).code, Some(0), "the renaming is undone");
+    refused(&client(&["blades", "show", "heather"]), 1, &["no blade \"heather\""]);
+    assert_eq!(client(&["blades", "restore", "fern"]).code, Some(0), "the weight is undone");
+    let fern: Value =
+        serde_json::from_str(&client(&["blades", "show", "fern", "--json"]).stdout).expect("JSON");
+    assert_eq!((&fern["mix"], &fern["earlier"][0]["blade"]["mix"]), (&json!(1.0), &json!(0.0)), "{fern}");
+    assert_eq!(client(&["blades", "restore", "fern", "--back", "1"]).code, Some(0), "and done again");
+    refused(&client(&["blades", "restore", "fern", "--back", "9"]), 1, &["not so many", "blades show"]);
+    refused(&client(&["blades", "restore", "fern", "--back", "0"]), 2, &["--back", "1..=100"]);
+    assert_eq!(client(&["blades", "rename", "fern", "moss"]).code, Some(0));
     refused(&client(&["blades", "rename", "moss", "moss"]), 1, &["\"moss\"", "choose another name"]);
     refused(&client(&["blades", "rename", "moss", "../moss"]), 2, &["slash", "expected"]);
     refused(&client(&["blades", "mix", "moss", "-1"]), 2, &["-1", "0 to 1000000"]);
     refused(&client(&["blades", "mix", "moss", "nan"]), 2, &["NaN"]);
-    refused(&client(&["blades", "restore", "moss"]), 1, &["no earlier blade \"moss\""]);
+    refused(&client(&["blades", "restore", "heather"]), 1, &["no earlier blade \"heather\""]);
     assert_eq!(client(&["blades", "remove", "moss"]).code, Some(0));
     refused(&client(&["blades", "remove", "moss"]), 1, &["no blade \"moss\""]);
     assert_eq!(client(&["blades", "restore", "moss"]).code, Some(0));
@@ -221,6 +242,8 @@ fn nothing_that_a_client_sends_stops_the_station() {
         r#"{"method":"io.sward.Station.SetMix","parameters":{"name":"fern","mix":1.5}}"#,
         r#"{"method":"io.sward.Station.RenameBlade","parameters":{"name":"fern","new_name":"moss"}}"#,
         r#"{"method":"io.sward.Station.RestoreBlade","parameters":{"name":"moss"},"oneway":true}"#,
+        r#"{"method":"io.sward.Station.RestoreBlade","parameters":{"name":"fern","back":2}}"#,
+        r#"{"method":"io.sward.Station.ListHistory","parameters":{"name":"fern"}}"#,
         r#"{"method":"io.sward.Station.Reload"}"#,
     ];
     let evil = [
