@@ -51,7 +51,7 @@ pub enum ClientError {
     },
     /// It closes the connection.
     #[error(
-        "{socket}: the station hung up: it has as many connections as service.max_connections allows, or it is ending; try again"
+        "{socket}: the station hung up before it answered: it is ending, or was killed; try again, and see its log where that does not help"
     )]
     HungUp {
         /// The socket.

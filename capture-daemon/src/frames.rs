@@ -14,6 +14,7 @@ use crate::feed::Feed;
 use crate::keeper::{Job, Outcome};
 use crate::preview::{Look, Previewer};
 use crate::recording::{self, OpenError};
+use crate::recurring::Recurring;
 use crate::session::{Capture, Session, SessionParams};
 use crate::source::{FrameSource, SourceError};
 use crate::stages::blade::CapturedBlade;
@@ -29,8 +30,6 @@ const TICK: Duration = Duration::from_millis(200);
 const RATE_WINDOW: Duration = Duration::from_secs(1);
 /// How long it is waited, at most, before a recording that cannot be played again is tried once more.
 const LONGEST_RETRY: Duration = Duration::from_secs(60);
-/// How often, at most, the log says what recurs.
-const SAY_EVERY: Duration = Duration::from_secs(60);
 
 /// What the frame thread is asked to do.
 #[derive(Debug)]
@@ -76,25 +75,6 @@ impl Watchdog {
                 tracing::debug!(%error, "systemd's watchdog cannot be fed");
             }
         }
-    }
-}
-
-/// Something that may happen with every frame, and is said once in a while with how often it did.
-#[derive(Debug, Default)]
-struct Recurring {
-    said: Option<Instant>,
-    unsaid: u64,
-}
-
-impl Recurring {
-    /// Counts; how many to tell of, if it is time to.
-    fn count(&mut self, more: u64) -> Option<u64> {
-        self.unsaid += more;
-        let is_time = self.said.is_none_or(|said| said.elapsed() >= SAY_EVERY);
-        (self.unsaid > 0 && is_time).then(|| {
-            self.said = Some(Instant::now());
-            std::mem::take(&mut self.unsaid)
-        })
     }
 }
 
@@ -385,22 +365,5 @@ impl Frames {
                 config: Some(self.config_hash.clone()),
             },
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_recurs_is_said_at_once_and_then_added_up() {
-        let mut recurring = Recurring::default();
-        assert_eq!(recurring.count(0), None, "there is nothing to say");
-        assert_eq!(recurring.count(3), Some(3));
-        assert_eq!(recurring.count(1), None);
-        assert_eq!(recurring.count(1), None);
-        recurring.said = Instant::now().checked_sub(SAY_EVERY);
-        assert_eq!(recurring.count(0), Some(2));
-        assert_eq!(recurring.count(0), None);
     }
 }

@@ -16,6 +16,7 @@ mod mistake;
 pub mod pipeline;
 pub mod preview;
 pub mod recording;
+mod recurring;
 pub mod replay;
 mod service;
 pub mod session;

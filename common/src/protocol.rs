@@ -245,6 +245,16 @@ pub enum StationError {
     },
     /// Too much is asked of the station at once; try again.
     Busy,
+    /// The station serves as many connections as it may; this one is closed.
+    TooManyConnections {
+        /// How many this user may have.
+        limit: i64,
+    },
+    /// The message was too long to be read; the connection is closed.
+    MessageTooLong {
+        /// Longest message, bytes.
+        limit: i64,
+    },
 }
 
 impl std::fmt::Display for StationError {
@@ -286,6 +296,13 @@ impl std::fmt::Display for StationError {
             }
             Self::NoFrames => f.write_str("no frames come: there is no sensor, or the recording is over"),
             Self::Busy => f.write_str("the station is busy; try again"),
+            Self::TooManyConnections { limit } => write!(
+                f,
+                "the station has as many connections as it may, {limit} for this user; close some, or raise service.max_connections and start it anew"
+            ),
+            Self::MessageTooLong { limit } => {
+                write!(f, "the message is too long for the station, expected {limit} bytes at most")
+            }
         }
     }
 }

@@ -145,7 +145,7 @@ fn who_is_not_listed_may_watch_at_most() {
     let watching = [watch(), watch()];
     let all = wait_for(DEADLINE, || (daemon.connect().status()["clients"] == json!(3)).then_some(()));
     all.expect("two strangers and we");
-    refused(&stranger(&daemon, &["status"]), 1, &["hung up", "service.max_connections"]);
+    refused(&stranger(&daemon, &["status"]), 1, &["2 for this user", "service.max_connections"]);
     assert_eq!(daemon.client(&["status"]).code, Some(0));
     drop(watching);
 
@@ -335,6 +335,13 @@ fn a_message_without_an_end_is_not_read_for_ever() {
     let kilobyte = [b' '; 1024];
     let sent = (0..10_000).take_while(|_| stream.write_all(&kilobyte).is_ok()).count();
     assert!(sent < 1000, "{sent} kilobytes of one message were read");
+    let mut told = Vec::new();
+    let _ = stream.read_to_end(&mut told);
+    let told = String::from_utf8_lossy(&told);
+    assert!(
+        told.starts_with("{\"error\":\"io.sward.Station.MessageTooLong\"") && told.contains("65536"),
+        "{told}"
+    );
     assert_eq!(daemon.connect().status()["blades"], json!(1));
 }
 
@@ -364,7 +371,7 @@ fn readers_that_do_not_read_hold_up_nobody() {
 
 #[test]
 fn a_hundred_readers_are_served_and_more_than_the_limit_are_turned_away() {
-    let daemon = with_fern(&[("service.max_connections", "110".to_owned())]);
+    let mut daemon = with_fern(&[("service.max_connections", "110".to_owned())]);
     let mut readers: Vec<_> = (0..100).map(|_| daemon.connect()).collect();
     let first = readers[0].library(0).generation();
     let waiting: Vec<_> = readers
@@ -378,10 +385,33 @@ fn a_hundred_readers_are_served_and_more_than_the_limit_are_turned_away() {
 
     let mut more: Vec<_> = (0..20).map(|_| daemon.connect()).collect();
     let ask = |station: &mut tests::station::Station| {
-        station.try_ask("io.sward.Station.GetStatus", &json!({})).is_ok()
+        let answer = station.try_ask("io.sward.Station.GetStatus", &json!({}));
+        answer.is_ok_and(|(reply, _)| reply["error"].is_null())
     };
     let served = more.iter_mut().map(ask).filter(|served| *served).count();
     assert!((8..=10).contains(&served), "{served} of 20 on top of 100, where 110 may be");
+    // Who finds no place is told so, whether it asks first or reads first, and a flood of such costs nothing.
+    let full = json!({"error": "io.sward.Station.TooManyConnections", "parameters": {"limit": 110}});
+    let mut one_more = daemon.connect();
+    let told = one_more.try_ask("io.sward.Station.GetStatus", &json!({})).expect("it is told");
+    assert_eq!(told.0, full);
+    let mut silent = daemon.connect();
+    assert_eq!(silent.reply().expect("it is told").0, full);
+    let refused_now = daemon.client(&["status"]);
+    refused(&refused_now, 1, &["110", "service.max_connections"]);
+    let process = format!("/proc/{}/fd", daemon.running().id());
+    let open = || fs::read_dir(&process).expect("it runs").count();
+    let before = open();
+    let flood: Vec<_> = (0..2000).filter_map(|_| UnixStream::connect(daemon.socket()).ok()).collect();
+    let mut told = 0;
+    for mut stream in flood {
+        let mut reply = Vec::new();
+        // One that was closed while it wrote nothing still holds what it was told.
+        let _ = stream.read_to_end(&mut reply);
+        told += usize::from(reply.starts_with(b"{\"error\":\"io.sward.Station.TooManyConnections\""));
+    }
+    assert!(told > 1900, "{told} of 2000 were told");
+    wait_for(DEADLINE, || (open() <= before + 2).then_some(())).expect("they are closed");
     drop((readers, more));
     wait_for(DEADLINE, || ask(&mut daemon.connect()).then_some(())).expect("there is room again");
 }
