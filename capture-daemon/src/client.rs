@@ -398,12 +398,16 @@ fn status_line(status: &Status, before: Option<&Status>) -> String {
 fn status_page(status: &Status) -> String {
     let Status { state, source, frames, skipped_frames, dropped_frames, frames_per_second, .. } = status;
     let Status { captures, blades, generation, store, waiting, lost, refused_files, .. } = status;
-    let Status { clients, config, version, .. } = status;
+    let Status { clients, config, version, repeats, .. } = status;
+    let repeated = match repeats {
+        0 => String::new(),
+        repeats => format!(", and {repeats} of blades that were all captured before"),
+    };
     let mut text = format!(
         "state     {state}\nsource    {source}\nframes    {frames} seen, {frames_per_second:.1} a second\n\
          dropped   {dropped_frames} frames, which came faster than the stages are\n\
          skipped   {skipped_frames} frames, which could not be read or used\n\
-         captures  {captures}\nlibrary   {blades} blades, generation {generation}\nstore     {store}\n"
+         captures  {captures}{repeated}\nlibrary   {blades} blades, generation {generation}\nstore     {store}\n"
     );
     if *waiting > 0 {
         text += &format!("waiting   {waiting} captured blades, for room on the disk\n");
@@ -425,21 +429,13 @@ mod tests {
     fn a_line_says_the_rate_and_what_was_dropped_and_skipped_since_the_last() {
         let status = |frames, dropped_frames, skipped_frames| Status {
             state: "settling".to_owned(),
-            generation: 7,
             blades: 3,
             frames,
             captures: 2,
             skipped_frames,
             dropped_frames,
             frames_per_second: 28.5,
-            source: "a recording".to_owned(),
-            store: "ok".to_owned(),
-            waiting: 0,
-            lost: 0,
-            refused_files: 0,
-            clients: 1,
-            config: String::new(),
-            version: String::new(),
+            ..Status::at_start("a recording", "", "")
         };
         let before = status(100, 5, 1);
         let counts = "  2 captures  3 blades  store ok\n";

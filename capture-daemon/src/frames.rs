@@ -11,7 +11,7 @@ use tokio::sync::{oneshot, watch};
 
 use crate::config::Config;
 use crate::feed::Feed;
-use crate::keeper::{Job, Outcome};
+use crate::keeper::{Holdings, Job, Outcome};
 use crate::preview::{Look, Previewer};
 use crate::recording::{self, OpenError};
 use crate::recurring::Recurring;
@@ -93,6 +93,7 @@ pub(crate) struct Frames {
     params: SessionParams,
     status: watch::Sender<Status>,
     previewer: Previewer,
+    holdings: watch::Receiver<Arc<Holdings>>,
     keeper: SyncSender<Job>,
     orders: Receiver<FrameOrder>,
     stop: Arc<AtomicBool>,
@@ -107,11 +108,12 @@ pub(crate) struct Frames {
 }
 
 impl Frames {
-    /// `orders`: what it is asked to do; `stop`: once true, it ends.
+    /// `holdings`: what was captured before; `orders`: what it is asked to do; `stop`: once true, it ends.
     pub(crate) fn new(
         config: &Config,
         status: watch::Sender<Status>,
         looks: watch::Sender<Option<Arc<Look>>>,
+        holdings: watch::Receiver<Arc<Holdings>>,
         keeper: SyncSender<Job>,
         orders: Receiver<FrameOrder>,
         stop: Arc<AtomicBool>,
@@ -124,6 +126,7 @@ impl Frames {
             params,
             status,
             previewer: Previewer::new(looks),
+            holdings,
             keeper,
             orders,
             stop,
@@ -204,12 +207,13 @@ impl Frames {
             match given {
                 Ok(Ok(frame)) => {
                     let capture = self.session.push(&frame).map(Arc::new);
+                    let is_known = capture.as_ref().is_some_and(|capture| self.is_known(capture));
                     if let Some(capture) = &capture {
                         self.deliver(capture);
                     } else if self.session.state() == State::Waiting {
                         self.answer(Err(StationError::NothingHeld));
                     }
-                    self.previewer.frame(frame, &self.session, capture);
+                    self.previewer.frame(frame, &self.session, capture, is_known);
                     self.count_frame();
                 }
                 Ok(Err(SourceError::BadFrame(reason))) => self.count_skipped(&reason),
@@ -314,6 +318,12 @@ impl Frames {
         }
     }
 
+    /// Whether all blades of a capture were captured before.
+    fn is_known(&self, capture: &Capture) -> bool {
+        let known = &self.holdings.borrow().known;
+        capture.steps.blades.iter().all(|captured| known.contains(&captured.blade.id()))
+    }
+
     /// Sends a capture to the keeper, who announces it once it is on disk.
     fn deliver(&mut self, capture: &Capture) {
         let refused: Vec<String> = capture.steps.refused.iter().map(ToString::to_string).collect();
@@ -327,7 +337,6 @@ impl Frames {
         }
         let records: Vec<Record> =
             blades.iter().enumerate().map(|(index, blade)| self.record(frame, index, blade)).collect();
-        self.status.send_modify(|status| status.captures += 1);
         // The keeper answers who asked, once the blades are announced.
         let asked = self.asked.take().map(|asked| (asked, refused));
         if let Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) =
@@ -343,10 +352,6 @@ impl Frames {
 
     fn record(&self, frame: u64, index: usize, captured: &CapturedBlade) -> Record {
         let CapturedBlade { blade, quality, .. } = captured;
-        let [length_mm, width_mm] =
-            [blade.length_m(), blade.max_width_m()].map(|metres| format!("{:.1}", metres * 1e3));
-        let score = format!("{:.2}", quality.score);
-        tracing::info!(frame, name = blade.name(), length_mm, width_mm, quality = score, "captured");
         Record {
             blade: blade.clone(),
             pinned: false,

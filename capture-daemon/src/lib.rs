@@ -1,5 +1,7 @@
 //! The capture station as a library: its stages, its sources, its recordings and its service.
 
+#[cfg(test)]
+mod bar;
 pub mod cli;
 pub mod client;
 pub mod config;

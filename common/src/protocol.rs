@@ -55,8 +55,10 @@ pub struct Status {
     pub blades: i64,
     /// Frames seen since the start.
     pub frames: i64,
-    /// Captures since the start.
+    /// Captures since the start that brought something new.
     pub captures: i64,
+    /// Captures since the start of blades that were all captured before.
+    pub repeats: i64,
     /// Frames that could not be read or used.
     pub skipped_frames: i64,
     /// Frames that came while the stages were behind: the queue to them was full.
@@ -79,6 +81,31 @@ pub struct Status {
     pub config: String,
     /// Of the program.
     pub version: String,
+}
+
+impl Status {
+    /// That of a station that begins: it waits, and all counts are 0.
+    pub fn at_start(source: &str, config: &str, version: &str) -> Self {
+        Self {
+            state: "waiting".to_owned(),
+            generation: 0,
+            blades: 0,
+            frames: 0,
+            captures: 0,
+            repeats: 0,
+            skipped_frames: 0,
+            dropped_frames: 0,
+            frames_per_second: 0.0,
+            source: source.to_owned(),
+            store: "ok".to_owned(),
+            waiting: 0,
+            lost: 0,
+            refused_files: 0,
+            clients: 0,
+            config: config.to_owned(),
+            version: version.to_owned(),
+        }
+    }
 }
 
 /// A blade of the library.

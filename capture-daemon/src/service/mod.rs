@@ -74,6 +74,8 @@ impl Service {
             store: holdings.trouble.clone().unwrap_or_else(|| "ok".to_owned()),
             waiting: holdings.waiting as i64,
             lost: holdings.lost.cast_signed() + self.status.borrow().lost,
+            captures: holdings.captures.cast_signed(),
+            repeats: holdings.repeats.cast_signed(),
             refused_files: holdings.refused.len() as i64,
             clients: self.clients.load(Ordering::Relaxed) as i64,
             ..self.status.borrow().clone()

@@ -299,6 +299,11 @@ impl Store {
         self.live.is_empty()
     }
 
+    /// Every blade that [`Self::keep`] takes for known.
+    pub(crate) fn known(&self) -> impl Iterator<Item = BladeId> {
+        self.ids.keys().chain(&self.removed).copied()
+    }
+
     /// Puts a captured blade on disk and into the library; the oldest blade that is not pinned makes
     /// room for it.
     ///
