@@ -164,8 +164,10 @@ fn examine(args: &DoctorArgs) -> Vec<Finding> {
             let (findings, newest) = store::examine(&folder, config.store.archive_max);
             all.extend(findings);
             newest_ns = newest;
-            all.extend(socket::examine(&config.service.socket, DEADLINE));
-            all.push(machine::open_files(machine::open_files_limit(), config.service.max_connections));
+            let (findings, station) = socket::examine(&config.service.socket, DEADLINE);
+            all.extend(findings);
+            let open_files = machine::OpenFiles::of(station);
+            all.push(machine::open_files(&open_files, config.service.max_connections));
         }
         None => {
             let parts = ["source", "store", "socket", "limits.files"];
