@@ -129,12 +129,23 @@ fn a_value_to_set_that_is_no_toml() {
 
 #[test]
 fn an_unknown_verb() {
-    refused(&run(Program::Capture, ["replya"]), 2, &["replya"]);
+    refused(&run(Program::Capture, ["replya"]), 2, &["replya", "see sward-capture --help"]);
+    refused(
+        &run(Program::Capture, ["blades", "rename", "fern"]),
+        2,
+        &["see sward-capture blades rename --help"],
+    );
+    refused(&run(Program::Capture, ["blades"]), 2, &["list or show", "see sward-capture blades --help"]);
+    refused(&run(Program::Capture, [""; 0]), 2, &["run or replay", "see sward-capture --help"]);
 }
 
 #[test]
 fn an_unknown_option() {
-    refused(&run(Program::Capture, ["replay", "--jason"]), 2, &["--jason"]);
+    refused(
+        &run(Program::Capture, ["replay", "--jason"]),
+        2,
+        &["--jason", "see sward-capture replay --help"],
+    );
     refused(&run(Program::Render, ["--headles"]), 2, &["--headles"]);
 }
 
