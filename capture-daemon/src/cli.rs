@@ -150,7 +150,10 @@ pub enum BladesVerb {
     ///
     /// Example: sward-capture blades list --json
     List(ListArgs),
-    /// All that is known of a blade
+    /// All that is known of a blade, and of the blades that had its name before
+    ///
+    /// The history says what `restore` can bring back, the newest first: what was replaced, had another weight, was
+    /// renamed or removed, or went to the archive.
     ///
     /// Example: sward-capture blades show blade-12ab34cd
     Show {
@@ -160,7 +163,7 @@ pub enum BladesVerb {
         #[command(flatten)]
         list: ListArgs,
     },
-    /// Give a blade a name that no other has
+    /// Give a blade a name that no other has; `restore` of the old name undoes it
     ///
     /// Example: sward-capture blades rename blade-12ab34cd fern
     Rename {
@@ -182,12 +185,20 @@ pub enum BladesVerb {
         #[command(flatten)]
         station: StationArgs,
     },
-    /// Bring back the blade that had this name before: the removed one, or the one that was replaced
+    /// Go back to an earlier blade of a name: undo a removal, a swap, a weight or a renaming
     ///
-    /// Example: sward-capture blades restore fern
+    /// A blade that was removed, replaced (by a file, an import or a capture of the archive) or weighted otherwise
+    /// comes back as it was, with its weight. One that was renamed gets this name back, and is else as it is now. What
+    /// has the name meanwhile goes to the history, so that the same command again undoes this one. Up to 16 blades
+    /// of a name are kept; `show` lists them.
+    ///
+    /// Example: sward-capture blades restore fern --back 2
     Restore {
         /// Name that the blade had
         name: String,
+        /// How many blades to go back, 1 to 100, as `show` counts them
+        #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(i64).range(1..=100))]
+        back: i64,
         /// Which station.
         #[command(flatten)]
         station: StationArgs,
@@ -229,7 +240,7 @@ pub enum BladesVerb {
         #[command(flatten)]
         station: StationArgs,
     },
-    /// Set how often a blade stands in the meadow, relative to the others
+    /// Set how often a blade stands in the meadow, relative to the others; `restore` goes back to the weight before
     ///
     /// Example: sward-capture blades mix fern 2.5
     Mix {

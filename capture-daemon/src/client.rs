@@ -8,7 +8,9 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::Context;
 use common::blade::MAX_MIX;
-use common::protocol::{Blade, ListBladesReply, RefusedFile, ReloadReply, StationError, Status};
+use common::protocol::{
+    Blade, EarlierBlade, ListBladesReply, ListHistoryReply, RefusedFile, ReloadReply, StationError, Status,
+};
 use common::sentence::{print, print_on};
 use common::station::StationProxy;
 use serde::Serialize;
@@ -49,7 +51,7 @@ pub enum ClientError {
     },
     /// It closes the connection.
     #[error(
-        "{socket}: the station hung up: it has as many connections as service.max_connections allows, or it is ending; try again"
+        "{socket}: the station hung up before it answered: it is ending, or was killed; try again, and see its log where that does not help"
     )]
     HungUp {
         /// The socket.
@@ -246,8 +248,8 @@ pub fn blades(verb: &BladesVerb) -> anyhow::Result<()> {
         BladesVerb::Remove { name, station } => {
             change(station, async |station| station.remove_blade(name).await)
         }
-        BladesVerb::Restore { name, station } => {
-            change(station, async |station| station.restore_blade(name).await)
+        BladesVerb::Restore { name, back, station } => {
+            change(station, async |station| station.restore_blade(name, Some(*back)).await)
         }
         BladesVerb::Export { file, names, station } => files::export(file, names, station),
         BladesVerb::Import { file, name, length_mm, station } => {
@@ -293,43 +295,79 @@ fn list(args: &ListArgs) -> anyhow::Result<()> {
 }
 
 fn show(name: &str, args: &ListArgs) -> anyhow::Result<()> {
-    let ListBladesReply { blades, refused } =
-        Station::connect(&args.station)?.call(async |station| station.list_blades().await)?;
+    let mut station = Station::connect(&args.station)?;
+    let ListBladesReply { blades, refused } = station.call(async |station| station.list_blades().await)?;
+    let ListHistoryReply { earlier } = station.call(async |station| station.list_history(name).await)?;
     let blade = blades.iter().find(|blade| blade.name == name);
     let refused = refused.iter().find(|file| file.name == name);
-    let blade = match (blade, refused) {
-        (Some(blade), _) => blade,
-        (None, Some(file)) => {
-            return Err(
-                ClientError::Refused(StationError::FileRefused { reason: file.reason.clone() }).into()
-            );
-        }
-        (None, None) => {
-            return Err(ClientError::Refused(StationError::NoSuchBlade { name: name.to_owned() }).into());
-        }
-    };
+    if blade.is_none() && earlier.is_empty() {
+        let name = name.to_owned();
+        let error = refused.map_or(StationError::NoSuchBlade { name }, |file| StationError::FileRefused {
+            reason: file.reason.clone(),
+        });
+        return Err(ClientError::Refused(error).into());
+    }
     if args.json {
-        return Ok(print(&json(blade)?)?);
+        return Ok(print(&json(&Shown {
+            name: blade.is_none().then_some(name),
+            blade,
+            refused,
+            earlier: &earlier,
+        })?)?);
     }
     let mut text = String::new();
-    writeln!(text, "name      {}", blade.name)?;
-    writeln!(text, "id        {}", blade.id)?;
-    writeln!(text, "kind      {}", blade.kind)?;
-    writeln!(text, "length    {:.1} mm", blade.length_m * 1e3)?;
-    writeln!(text, "width     {:.1} mm", blade.max_width_m * 1e3)?;
-    writeln!(text, "knots     {}", blade.knots)?;
-    writeln!(text, "quality   {}", blade.quality)?;
-    writeln!(text, "mix       {}", blade.mix)?;
-    writeln!(text, "pinned    {}", if blade.pinned { "yes" } else { "no" })?;
-    writeln!(text, "captured  {}", utc(blade.captured_unix_ns))?;
-    writeln!(text, "source    {}", blade.source.as_deref().unwrap_or("made by hand"))?;
-    if let Some(frames) = blade.frames {
-        writeln!(text, "frames    {frames}")?;
+    writeln!(text, "name      {name}")?;
+    match blade {
+        None => writeln!(
+            text,
+            "          no blade has this name now; sward-capture blades restore brings one back"
+        )?,
+        Some(blade) => {
+            writeln!(text, "id        {}", blade.id)?;
+            writeln!(text, "kind      {}", blade.kind)?;
+            writeln!(text, "length    {:.1} mm", blade.length_m * 1e3)?;
+            writeln!(text, "width     {:.1} mm", blade.max_width_m * 1e3)?;
+            writeln!(text, "knots     {}", blade.knots)?;
+            writeln!(text, "quality   {}", blade.quality)?;
+            writeln!(text, "mix       {}", blade.mix)?;
+            writeln!(text, "pinned    {}", if blade.pinned { "yes" } else { "no" })?;
+            writeln!(text, "captured  {}", utc(blade.captured_unix_ns))?;
+            writeln!(text, "source    {}", blade.source.as_deref().unwrap_or("made by hand"))?;
+            if let Some(frames) = blade.frames {
+                writeln!(text, "frames    {frames}")?;
+            }
+        }
     }
     if let Some(file) = refused {
         writeln!(text, "refused   {}", file.reason)?;
     }
+    for EarlierBlade { back, kept_unix_ns, archived, renamed_to, blade } in &earlier {
+        let Blade { length_m, max_width_m, mix, .. } = blade;
+        let (length, wide, until) = (length_m * 1e3, max_width_m * 1e3, utc(*kept_unix_ns));
+        let title = if *back == 1 { "history" } else { "" };
+        write!(
+            text,
+            "{title:8}{back:3}  until {until}  {length:6.1} mm long  {wide:5.1} mm wide  mix {mix}"
+        )?;
+        if let Some(to) = renamed_to {
+            write!(text, "  renamed to {to:?}")?;
+        }
+        writeln!(text, "{}", if *archived { "  in the archive" } else { "" })?;
+    }
     Ok(print(&text)?)
+}
+
+/// What `blades show --json` prints.
+#[derive(Serialize)]
+struct Shown<'a> {
+    /// Where no blade has it now; else it is the blade's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<&'a str>,
+    #[serde(flatten)]
+    blade: Option<&'a Blade>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    refused: Option<&'a RefusedFile>,
+    earlier: &'a [EarlierBlade],
 }
 
 fn json(value: &impl Serialize) -> anyhow::Result<String> {
@@ -360,12 +398,16 @@ fn status_line(status: &Status, before: Option<&Status>) -> String {
 fn status_page(status: &Status) -> String {
     let Status { state, source, frames, skipped_frames, dropped_frames, frames_per_second, .. } = status;
     let Status { captures, blades, generation, store, waiting, lost, refused_files, .. } = status;
-    let Status { clients, config, version, .. } = status;
+    let Status { clients, config, version, repeats, .. } = status;
+    let repeated = match repeats {
+        0 => String::new(),
+        repeats => format!(", and {repeats} of blades that were all captured before"),
+    };
     let mut text = format!(
         "state     {state}\nsource    {source}\nframes    {frames} seen, {frames_per_second:.1} a second\n\
          dropped   {dropped_frames} frames, which came faster than the stages are\n\
          skipped   {skipped_frames} frames, which could not be read or used\n\
-         captures  {captures}\nlibrary   {blades} blades, generation {generation}\nstore     {store}\n"
+         captures  {captures}{repeated}\nlibrary   {blades} blades, generation {generation}\nstore     {store}\n"
     );
     if *waiting > 0 {
         text += &format!("waiting   {waiting} captured blades, for room on the disk\n");
@@ -387,21 +429,13 @@ mod tests {
     fn a_line_says_the_rate_and_what_was_dropped_and_skipped_since_the_last() {
         let status = |frames, dropped_frames, skipped_frames| Status {
             state: "settling".to_owned(),
-            generation: 7,
             blades: 3,
             frames,
             captures: 2,
             skipped_frames,
             dropped_frames,
             frames_per_second: 28.5,
-            source: "a recording".to_owned(),
-            store: "ok".to_owned(),
-            waiting: 0,
-            lost: 0,
-            refused_files: 0,
-            clients: 1,
-            config: String::new(),
-            version: String::new(),
+            ..Status::at_start("a recording", "", "")
         };
         let before = status(100, 5, 1);
         let counts = "  2 captures  3 blades  store ok\n";

@@ -104,7 +104,8 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     let (library, library_seen) = watch::channel(None);
     let (holdings, holdings_seen) = watch::channel(Arc::new(Holdings::default()));
     let description = source.as_ref().map_or_else(|| "none".to_owned(), |source| source.describe());
-    let (status, status_seen) = watch::channel(first_status(description, &config));
+    let (status, status_seen) =
+        watch::channel(Status::at_start(&description, &config.capture_hash(), env!("CARGO_PKG_VERSION")));
     let (looks, looks_seen) = watch::channel(None);
     let (access, access_seen) = watch::channel(access_of(&config));
     let (jobs, jobs_come) = mpsc::sync_channel(keeper::QUEUE);
@@ -115,7 +116,15 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     keeper.begin();
     let mut keeper = Worker::start("store", move || keeper.run(&jobs_come))?;
     let stop = Arc::new(AtomicBool::new(false));
-    let frames = Frames::new(&config, status, looks, jobs.clone(), orders_come, Arc::clone(&stop));
+    let frames = Frames::new(
+        &config,
+        status,
+        looks,
+        holdings_seen.clone(),
+        jobs.clone(),
+        orders_come,
+        Arc::clone(&stop),
+    );
     let mut frames = Worker::start("frames", move || frames.run(source))?;
 
     let service = Service {
@@ -209,27 +218,6 @@ async fn open_store(config: &Config) -> anyhow::Result<Store> {
 
 fn access_of(config: &Config) -> Arc<Access> {
     Arc::new(Access::new(&config.service.watch, &config.service.change))
-}
-
-fn first_status(source: String, config: &Config) -> Status {
-    Status {
-        state: "waiting".to_owned(),
-        generation: 0,
-        blades: 0,
-        frames: 0,
-        captures: 0,
-        skipped_frames: 0,
-        dropped_frames: 0,
-        frames_per_second: 0.0,
-        source,
-        store: "ok".to_owned(),
-        waiting: 0,
-        lost: 0,
-        refused_files: 0,
-        clients: 0,
-        config: config.capture_hash(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-    }
 }
 
 /// Status as systemd shows it.

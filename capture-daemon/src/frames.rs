@@ -11,9 +11,10 @@ use tokio::sync::{oneshot, watch};
 
 use crate::config::Config;
 use crate::feed::Feed;
-use crate::keeper::{Job, Outcome};
+use crate::keeper::{Holdings, Job, Outcome};
 use crate::preview::{Look, Previewer};
 use crate::recording::{self, OpenError};
+use crate::recurring::Recurring;
 use crate::session::{Capture, Session, SessionParams};
 use crate::source::{FrameSource, SourceError};
 use crate::stages::blade::CapturedBlade;
@@ -29,8 +30,6 @@ const TICK: Duration = Duration::from_millis(200);
 const RATE_WINDOW: Duration = Duration::from_secs(1);
 /// How long it is waited, at most, before a recording that cannot be played again is tried once more.
 const LONGEST_RETRY: Duration = Duration::from_secs(60);
-/// How often, at most, the log says what recurs.
-const SAY_EVERY: Duration = Duration::from_secs(60);
 
 /// What the frame thread is asked to do.
 #[derive(Debug)]
@@ -79,25 +78,6 @@ impl Watchdog {
     }
 }
 
-/// Something that may happen with every frame, and is said once in a while with how often it did.
-#[derive(Debug, Default)]
-struct Recurring {
-    said: Option<Instant>,
-    unsaid: u64,
-}
-
-impl Recurring {
-    /// Counts; how many to tell of, if it is time to.
-    fn count(&mut self, more: u64) -> Option<u64> {
-        self.unsaid += more;
-        let is_time = self.said.is_none_or(|said| said.elapsed() >= SAY_EVERY);
-        (self.unsaid > 0 && is_time).then(|| {
-            self.said = Some(Instant::now());
-            std::mem::take(&mut self.unsaid)
-        })
-    }
-}
-
 /// Frames in the last second or so.
 #[derive(Debug)]
 struct Rate {
@@ -113,6 +93,7 @@ pub(crate) struct Frames {
     params: SessionParams,
     status: watch::Sender<Status>,
     previewer: Previewer,
+    holdings: watch::Receiver<Arc<Holdings>>,
     keeper: SyncSender<Job>,
     orders: Receiver<FrameOrder>,
     stop: Arc<AtomicBool>,
@@ -127,11 +108,12 @@ pub(crate) struct Frames {
 }
 
 impl Frames {
-    /// `orders`: what it is asked to do; `stop`: once true, it ends.
+    /// `holdings`: what was captured before; `orders`: what it is asked to do; `stop`: once true, it ends.
     pub(crate) fn new(
         config: &Config,
         status: watch::Sender<Status>,
         looks: watch::Sender<Option<Arc<Look>>>,
+        holdings: watch::Receiver<Arc<Holdings>>,
         keeper: SyncSender<Job>,
         orders: Receiver<FrameOrder>,
         stop: Arc<AtomicBool>,
@@ -144,6 +126,7 @@ impl Frames {
             params,
             status,
             previewer: Previewer::new(looks),
+            holdings,
             keeper,
             orders,
             stop,
@@ -224,12 +207,13 @@ impl Frames {
             match given {
                 Ok(Ok(frame)) => {
                     let capture = self.session.push(&frame).map(Arc::new);
+                    let is_known = capture.as_ref().is_some_and(|capture| self.is_known(capture));
                     if let Some(capture) = &capture {
                         self.deliver(capture);
                     } else if self.session.state() == State::Waiting {
                         self.answer(Err(StationError::NothingHeld));
                     }
-                    self.previewer.frame(frame, &self.session, capture);
+                    self.previewer.frame(frame, &self.session, capture, is_known);
                     self.count_frame();
                 }
                 Ok(Err(SourceError::BadFrame(reason))) => self.count_skipped(&reason),
@@ -334,6 +318,12 @@ impl Frames {
         }
     }
 
+    /// Whether all blades of a capture were captured before.
+    fn is_known(&self, capture: &Capture) -> bool {
+        let known = &self.holdings.borrow().known;
+        capture.steps.blades.iter().all(|captured| known.contains(&captured.blade.id()))
+    }
+
     /// Sends a capture to the keeper, who announces it once it is on disk.
     fn deliver(&mut self, capture: &Capture) {
         let refused: Vec<String> = capture.steps.refused.iter().map(ToString::to_string).collect();
@@ -347,7 +337,6 @@ impl Frames {
         }
         let records: Vec<Record> =
             blades.iter().enumerate().map(|(index, blade)| self.record(frame, index, blade)).collect();
-        self.status.send_modify(|status| status.captures += 1);
         // The keeper answers who asked, once the blades are announced.
         let asked = self.asked.take().map(|asked| (asked, refused));
         if let Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) =
@@ -363,10 +352,6 @@ impl Frames {
 
     fn record(&self, frame: u64, index: usize, captured: &CapturedBlade) -> Record {
         let CapturedBlade { blade, quality, .. } = captured;
-        let [length_mm, width_mm] =
-            [blade.length_m(), blade.max_width_m()].map(|metres| format!("{:.1}", metres * 1e3));
-        let score = format!("{:.2}", quality.score);
-        tracing::info!(frame, name = blade.name(), length_mm, width_mm, quality = score, "captured");
         Record {
             blade: blade.clone(),
             pinned: false,
@@ -385,22 +370,5 @@ impl Frames {
                 config: Some(self.config_hash.clone()),
             },
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_recurs_is_said_at_once_and_then_added_up() {
-        let mut recurring = Recurring::default();
-        assert_eq!(recurring.count(0), None, "there is nothing to say");
-        assert_eq!(recurring.count(3), Some(3));
-        assert_eq!(recurring.count(1), None);
-        assert_eq!(recurring.count(1), None);
-        recurring.said = Instant::now().checked_sub(SAY_EVERY);
-        assert_eq!(recurring.count(0), Some(2));
-        assert_eq!(recurring.count(0), None);
     }
 }

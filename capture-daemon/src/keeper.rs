@@ -1,20 +1,21 @@
 //! The keeper: a thread that owns the store. Captures, people's orders and changed files come to it; it
 //! puts them on disk and then announces the library. A slow or full disk holds up nobody else.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 use common::blade::{BladeId, Kind};
-use common::protocol::{self, CaptureReply, RefusedFile, StationError};
+use common::protocol::{self, CaptureReply, EarlierBlade, RefusedFile, StationError};
 use notify::Watcher;
 use notify::event::{AccessKind, AccessMode};
 use tokio::sync::{oneshot, watch};
 
 use crate::service::Published;
 use crate::store::record::Record;
+use crate::store::shelf::Version;
 use crate::store::{Kept, Store, StoreError};
 
 /// Orders and captures that may wait for the keeper.
@@ -37,8 +38,8 @@ pub(crate) enum Order {
     Remove { name: String },
     /// Give it another name.
     Rename { name: String, new_name: String },
-    /// Bring back the one before.
-    Restore { name: String },
+    /// Go back to an earlier one: so many, from 1.
+    Restore { name: String, back: usize },
     /// Set its weight.
     SetMix { name: String, mix: f64 },
     /// Put the blade of a file's text there, instead of one of that name.
@@ -68,6 +69,8 @@ pub(crate) enum Job {
     Captured(Vec<Record>, Option<CaptureAsked>),
     /// An order and where its outcome goes.
     Order(Order, oneshot::Sender<Outcome<()>>),
+    /// What a name can go back to.
+    History(String, oneshot::Sender<Vec<EarlierBlade>>),
     /// Look whether files have changed.
     Files,
     /// Finish.
@@ -87,6 +90,12 @@ pub(crate) struct Holdings {
     pub(crate) waiting: usize,
     /// Captured blades that found no room at all.
     pub(crate) lost: u64,
+    /// Captures that brought something new.
+    pub(crate) captures: u64,
+    /// Captures of blades that were all captured before.
+    pub(crate) repeats: u64,
+    /// Every blade that was captured before, also those that were removed or replaced since.
+    pub(crate) known: HashSet<BladeId>,
 }
 
 /// Where the keeper announces what it has.
@@ -108,6 +117,8 @@ pub(crate) struct Keeper {
     waiting: VecDeque<Record>,
     trouble: Option<String>,
     lost: u64,
+    captures: u64,
+    repeats: u64,
     /// The library is another than the one that is announced.
     stale: bool,
 }
@@ -125,6 +136,8 @@ impl Keeper {
             waiting: VecDeque::new(),
             trouble: None,
             lost: 0,
+            captures: 0,
+            repeats: 0,
             stale,
         }
     }
@@ -160,6 +173,7 @@ impl Keeper {
                 Ok(Job::Stop) | Err(mpsc::RecvTimeoutError::Disconnected) => break,
                 Ok(Job::Captured(records, asked)) => self.captured(records, asked),
                 Ok(Job::Order(order, asked)) => self.obey(&order, asked),
+                Ok(Job::History(name, asked)) => self.tell_history(&name, asked),
                 Ok(Job::Files) | Err(mpsc::RecvTimeoutError::Timeout) => {}
             }
             let now = Instant::now();
@@ -215,10 +229,15 @@ impl Keeper {
     }
 
     fn captured(&mut self, records: Vec<Record>, asked: Option<CaptureAsked>) {
-        let mut ids: Vec<BladeId> = Vec::new();
+        let ids: Vec<BladeId> = records.iter().map(|record| record.blade.id()).collect();
+        let mut is_new = false;
         for record in records {
-            ids.push(record.blade.id());
-            self.keep(record);
+            is_new |= self.keep(record);
+        }
+        if is_new {
+            self.captures += 1;
+        } else {
+            self.repeats += 1;
         }
         self.announce();
         let Some((asked, refused)) = asked else { return };
@@ -238,24 +257,38 @@ impl Keeper {
         let _ = asked.send(outcome);
     }
 
-    fn keep(&mut self, record: Record) {
+    /// Keeps a captured blade, on disk or until there is room; whether it is new.
+    fn keep(&mut self, record: Record) -> bool {
+        let blade = &record.blade;
+        let [length_mm, width_mm] =
+            [blade.length_m(), blade.max_width_m()].map(|metres| format!("{:.1}", metres * 1e3));
+        let (quality, frame) = (format!("{:.2}", blade.quality()), record.provenance.frame);
         match self.store.keep(&record) {
-            Ok(Kept::New) => self.stale = true,
-            Ok(Kept::Known) => {}
+            Ok(Kept::New) => {
+                tracing::info!(frame, name = blade.name(), length_mm, width_mm, quality, "captured");
+                self.stale = true;
+                true
+            }
+            Ok(Kept::Known) => {
+                tracing::debug!(frame, name = blade.name(), "seen again: it was captured before");
+                false
+            }
             Err(error) if error.is_disk() => {
                 self.note_trouble(&error);
-                self.let_wait(record);
+                self.let_wait(record)
             }
             Err(error) => {
                 self.lost += 1;
-                tracing::error!(%error, name = record.blade.name(), "a captured blade is lost");
+                tracing::error!(%error, name = blade.name(), "a captured blade is lost");
+                true
             }
         }
     }
 
-    fn let_wait(&mut self, record: Record) {
+    /// Whether it does not wait already.
+    fn let_wait(&mut self, record: Record) -> bool {
         if self.waiting.iter().any(|waiting| waiting.blade.id() == record.blade.id()) {
-            return;
+            return false;
         }
         if self.waiting.len() >= MAX_WAITING {
             self.lost += 1;
@@ -264,6 +297,7 @@ impl Keeper {
             tracing::error!(name, "a captured blade is lost: too many wait for room on the disk");
         }
         self.waiting.push_back(record);
+        true
     }
 
     fn obey(&mut self, order: &Order, asked: oneshot::Sender<Outcome<()>>) {
@@ -272,7 +306,7 @@ impl Keeper {
         let done = match order {
             Order::Remove { name } => self.store.remove(name),
             Order::Rename { name, new_name } => self.store.rename(name, new_name),
-            Order::Restore { name } => self.store.restore(name),
+            Order::Restore { name, back } => self.store.restore(name, *back),
             Order::SetMix { name, mix } => self.store.set_mix(name, *mix),
             Order::Put { name, text } => self.store.put_text(name, &text.0),
         };
@@ -290,6 +324,19 @@ impl Keeper {
         }
         self.announce();
         let _ = asked.send(done.map_err(told));
+    }
+
+    fn tell_history(&mut self, name: &str, asked: oneshot::Sender<Vec<EarlierBlade>>) {
+        self.rescan();
+        let earlier = |(version, back): (Version, i64)| EarlierBlade {
+            back,
+            kept_unix_ns: i64::try_from(version.kept_unix_ns).unwrap_or(i64::MAX),
+            archived: self.store.is_archived(&version),
+            renamed_to: version.renamed_to,
+            blade: shown(&version.record),
+        };
+        // Who asked may have left.
+        let _ = asked.send(self.store.earlier(name).into_iter().zip(1..).map(earlier).collect());
     }
 
     fn rescan(&mut self) {
@@ -355,24 +402,9 @@ impl Keeper {
         self.trouble = Some(reason);
     }
 
-    /// Announces the library if it has changed, and what else there is to know.
+    /// Announces the library if it has changed, and before it what else there is to know.
     fn announce(&mut self) {
-        if self.stale {
-            if let Err(error) = self.store.prepare() {
-                self.note_trouble(&error);
-            }
-            let started = Instant::now();
-            match Published::new(self.store.next_generation(), &self.store.blades()) {
-                Ok(published) => {
-                    self.stale = false;
-                    let (generation, blades) = (published.generation(), published.blades());
-                    self.announcements.library.send_replace(Some(Arc::new(published)));
-                    let seconds = started.elapsed().as_secs_f32();
-                    tracing::debug!(generation, blades, seconds, "announced");
-                }
-                Err(error) => tracing::error!(%error, "the library cannot be published; the last one stays"),
-            }
-        }
+        let published = self.publish();
         let refused = self.store.refused().iter();
         let refused =
             refused.map(|(name, refused)| RefusedFile { name: name.clone(), reason: refused.reason.clone() });
@@ -382,8 +414,38 @@ impl Keeper {
             trouble: self.trouble.clone(),
             waiting: self.waiting.len(),
             lost: self.lost,
+            captures: self.captures,
+            repeats: self.repeats,
+            known: self.store.known().collect(),
         };
         self.announcements.holdings.send_replace(Arc::new(holdings));
+        if let Some(published) = published {
+            self.announcements.library.send_replace(Some(Arc::new(published)));
+        }
+    }
+
+    /// The library, if it has changed.
+    fn publish(&mut self) -> Option<Published> {
+        if !self.stale {
+            return None;
+        }
+        if let Err(error) = self.store.prepare() {
+            self.note_trouble(&error);
+        }
+        let started = Instant::now();
+        match Published::new(self.store.next_generation(), &self.store.blades()) {
+            Ok(published) => {
+                self.stale = false;
+                let (generation, blades) = (published.generation(), published.blades());
+                let seconds = started.elapsed().as_secs_f32();
+                tracing::debug!(generation, blades, seconds, "announced");
+                Some(published)
+            }
+            Err(error) => {
+                tracing::error!(%error, "the library cannot be published; the last one stays");
+                None
+            }
+        }
     }
 }
 

@@ -1,5 +1,7 @@
 //! The capture station as a library: its stages, its sources, its recordings and its service.
 
+#[cfg(test)]
+mod bar;
 pub mod cli;
 pub mod client;
 pub mod config;
@@ -12,9 +14,11 @@ pub mod frame;
 mod frames;
 mod keeper;
 pub mod logging;
+mod mistake;
 pub mod pipeline;
 pub mod preview;
 pub mod recording;
+mod recurring;
 pub mod replay;
 mod service;
 pub mod session;

@@ -105,15 +105,19 @@ fn refuse_arguments(error: &clap::Error) -> ExitCode {
             }
         },
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand => {
+            let (name, command) = manual::verb_of(&Cli::command(), std::env::args_os().skip(1));
+            let verbs: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).take(2).collect();
+            let verbs = verbs.join(" or ");
             complain(
                 PROGRAM,
-                "no verb was given, expected one such as run or replay; see sward-capture --help.",
+                &format!("no verb was given, expected one such as {verbs}; see {name} --help."),
             );
             ExitCode::from(BAD_ARGUMENTS)
         }
         _ => {
+            let (name, _) = manual::verb_of(&Cli::command(), std::env::args_os().skip(1));
             let sentence = of_paragraphs(&error.to_string());
-            complain(PROGRAM, &format!("{sentence}; see sward-capture --help."));
+            complain(PROGRAM, &format!("{sentence}; see {name} --help."));
             ExitCode::from(BAD_ARGUMENTS)
         }
     }

@@ -142,25 +142,7 @@ impl Session {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::CameraModel;
-
-    /// A frame with an upright bar half a metre away, or with nothing.
-    fn frame(index: u64, is_held: bool) -> DepthFrame {
-        let (width, height) = (160, 120);
-        let depth = (0..width * height).map(|at| {
-            let (x, y) = (at % width, at / width);
-            let bar = is_held && (70..78).contains(&x) && (20..100).contains(&y);
-            if bar { 500 } else { 1300 }
-        });
-        DepthFrame {
-            width,
-            height,
-            depth: depth.collect(),
-            depth_unit_m: 0.001,
-            camera: CameraModel { fx: 140.0, fy: 140.0, cx: 79.5, cy: 59.5 },
-            timestamp_ns: 1_000_000_000 + index * 33_333_333,
-        }
-    }
+    use crate::bar;
 
     /// Indices of the frames that captured; `change` is called before each frame.
     fn captures(held: impl Fn(u64) -> bool, mut change: impl FnMut(u64, &mut Session)) -> Vec<u64> {
@@ -168,7 +150,11 @@ mod tests {
         let mut captured = Vec::new();
         for index in 0..60 {
             change(index, &mut session);
-            captured.extend(session.push(&frame(index, held(index))).map(|capture| capture.frame));
+            captured.extend(
+                session
+                    .push(&bar::frame(index, held(index).then_some(500), 1300))
+                    .map(|capture| capture.frame),
+            );
         }
         assert_eq!(session.frames(), 60, "no frame is lost");
         captured

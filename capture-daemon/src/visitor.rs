@@ -17,6 +17,11 @@ pub enum Message {
         /// As so many blades, at least one.
         blades: usize,
     },
+    /// It was captured before, as a recording that begins again shows it.
+    Known {
+        /// As so many blades, at least one.
+        blades: usize,
+    },
     /// It was looked at, and holds no blade.
     NothingFound,
     /// It was looked at, and is none.
@@ -34,6 +39,7 @@ impl Message {
             Self::Waiting => "waiting",
             Self::HoldStill => "hold_still",
             Self::Captured { .. } => "captured",
+            Self::Known { .. } => "known",
             Self::NothingFound => "nothing_found",
             Self::Refused(refusal) => refusal.code(),
             Self::Reconnecting => "reconnecting",
@@ -54,6 +60,13 @@ impl std::fmt::Display for Message {
             Self::Captured { blades } => {
                 write!(f, "Thank you, {blades} blades are captured. Please take them away before the next.")
             }
+            Self::Known { blades: 1 } => {
+                f.write_str("Thank you, this blade was captured before. Please take it away before the next.")
+            }
+            Self::Known { blades } => write!(
+                f,
+                "Thank you, these {blades} blades were captured before. Please take them away before the next."
+            ),
             Self::NothingFound => f.write_str("Please hold up a blade of grass or a leaf: none can be seen."),
             Self::Refused(refusal) => refusal.fmt(f),
             Self::Reconnecting => f.write_str("One moment please: the camera is being connected again."),
@@ -83,10 +96,17 @@ impl Default for Visitor {
 }
 
 impl Visitor {
-    /// What to tell after a frame: `state` is the session's, `capture` what the frame completed.
-    pub fn tell(&mut self, state: State, capture: Option<&Capture>, timestamp_ns: u64) -> Message {
+    /// What to tell after a frame: `state` is the session's, `capture` what the frame completed; `is_known`: all of
+    /// its blades were captured before.
+    pub fn tell(
+        &mut self,
+        state: State,
+        capture: Option<&Capture>,
+        is_known: bool,
+        timestamp_ns: u64,
+    ) -> Message {
         let message = match (capture, state) {
-            (Some(capture), _) => Some(verdict(capture)),
+            (Some(capture), _) => Some(verdict(capture, is_known)),
             (None, State::Settling { .. }) => Some(Message::HoldStill),
             // What was said of the capture.
             (None, State::Captured) => None,
@@ -105,10 +125,11 @@ impl Visitor {
 }
 
 /// What a capture amounts to.
-fn verdict(capture: &Capture) -> Message {
+fn verdict(capture: &Capture, is_known: bool) -> Message {
     match (capture.steps.blades.len(), capture.steps.refused.first()) {
         (0, Some(refusal)) => Message::Refused(*refusal),
         (0, None) => Message::NothingFound,
+        (blades, _) if is_known => Message::Known { blades },
         (blades, _) => Message::Captured { blades },
     }
 }
@@ -116,33 +137,24 @@ fn verdict(capture: &Capture) -> Message {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{CameraModel, DepthFrame};
+    use crate::bar;
     use crate::session::{Session, SessionParams};
 
     /// The codes that are told over frames of a bar at a depth, where there is one; each with the index of the
     /// frame that it is first told at.
     fn told(bar_mm: impl Fn(u64) -> Option<u16>) -> Vec<(u64, &'static str)> {
+        told_of(bar_mm, false)
+    }
+
+    /// The same where what is captured was captured before.
+    fn told_of(bar_mm: impl Fn(u64) -> Option<u16>, is_known: bool) -> Vec<(u64, &'static str)> {
         let mut session = Session::new(SessionParams::default());
         let mut visitor = Visitor::default();
         let mut told: Vec<(u64, &'static str)> = Vec::new();
         for index in 0..250 {
-            let (width, height) = (160, 120);
-            let depth = (0..width * height).map(|at| {
-                let (x, y) = (at % width, at / width);
-                let half = 1 + y / 24;
-                let is_bar = (80 - half..80 + half).contains(&x) && (20..100).contains(&y);
-                bar_mm(index).filter(|_| is_bar).unwrap_or(2500)
-            });
-            let frame = DepthFrame {
-                width,
-                height,
-                depth: depth.collect(),
-                depth_unit_m: 0.001,
-                camera: CameraModel { fx: 140.0, fy: 140.0, cx: 79.5, cy: 59.5 },
-                timestamp_ns: 1_000_000_000 + index * 33_333_333,
-            };
+            let frame = bar::frame(index, bar_mm(index), 2500);
             let capture = session.push(&frame);
-            let code = visitor.tell(session.state(), capture.as_ref(), frame.timestamp_ns).code();
+            let code = visitor.tell(session.state(), capture.as_ref(), is_known, frame.timestamp_ns).code();
             if told.last().is_none_or(|(_, last)| *last != code) {
                 told.push((index, code));
             }
@@ -154,6 +166,8 @@ mod tests {
     fn a_blade_is_asked_for_held_still_and_taken_away() {
         let codes = told(|index| (10..60).contains(&index).then_some(500));
         assert_eq!(codes, [(0, "waiting"), (10, "hold_still"), (26, "captured"), (60, "waiting")]);
+        let again = told_of(|index| (10..60).contains(&index).then_some(500), true);
+        assert_eq!(again[2..], [(26, "known"), (60, "waiting")]);
     }
 
     #[test]
@@ -182,6 +196,7 @@ mod tests {
             Message::Waiting,
             Message::HoldStill,
             Message::Captured { blades: 4096 },
+            Message::Known { blades: 4096 },
             Message::NothingFound,
             Message::Reconnecting,
             Message::CallStaff,

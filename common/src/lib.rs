@@ -5,7 +5,9 @@
 
 pub mod blade;
 pub mod geometry;
+mod head;
 pub mod library;
+#[cfg(feature = "manual")]
 pub mod manual;
 pub mod preview;
 pub mod protocol;
@@ -14,3 +16,5 @@ pub mod sealed;
 pub mod sentence;
 pub mod station;
 pub mod strand;
+
+pub use head::HeadError;

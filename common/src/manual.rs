@@ -3,6 +3,7 @@
 //! What `--help` says in paragraphs that begin with `Example:` or `Exit code` has sections of its own in
 //! a page, as readers of man pages expect.
 
+use std::ffi::OsString;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -27,6 +28,18 @@ pub struct Page {
     pub file: String,
     /// Its text, for `man`.
     pub text: String,
+}
+
+/// The verb that a command line is for, with the program's name before it, as far as it names one: what stands after
+/// its name is not looked at. `arguments`: without the program's own name.
+pub fn verb_of(program: &Command, arguments: impl IntoIterator<Item = OsString>) -> (String, Command) {
+    let (mut name, mut command) = (program.get_name().to_owned(), program);
+    for argument in arguments {
+        let Some(verb) = command.find_subcommand(&argument) else { break };
+        name = format!("{name} {}", verb.get_name());
+        command = verb;
+    }
+    (name, command.clone())
 }
 
 /// A script that completes the command line of a program, which has a name, in a shell.

@@ -55,8 +55,10 @@ pub struct Status {
     pub blades: i64,
     /// Frames seen since the start.
     pub frames: i64,
-    /// Captures since the start.
+    /// Captures since the start that brought something new.
     pub captures: i64,
+    /// Captures since the start of blades that were all captured before.
+    pub repeats: i64,
     /// Frames that could not be read or used.
     pub skipped_frames: i64,
     /// Frames that came while the stages were behind: the queue to them was full.
@@ -79,6 +81,31 @@ pub struct Status {
     pub config: String,
     /// Of the program.
     pub version: String,
+}
+
+impl Status {
+    /// That of a station that begins: it waits, and all counts are 0.
+    pub fn at_start(source: &str, config: &str, version: &str) -> Self {
+        Self {
+            state: "waiting".to_owned(),
+            generation: 0,
+            blades: 0,
+            frames: 0,
+            captures: 0,
+            repeats: 0,
+            skipped_frames: 0,
+            dropped_frames: 0,
+            frames_per_second: 0.0,
+            source: source.to_owned(),
+            store: "ok".to_owned(),
+            waiting: 0,
+            lost: 0,
+            refused_files: 0,
+            clients: 0,
+            config: config.to_owned(),
+            version: version.to_owned(),
+        }
+    }
 }
 
 /// A blade of the library.
@@ -111,6 +138,22 @@ pub struct Blade {
     pub frames: Option<i64>,
 }
 
+/// An earlier blade of a name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, introspect::CustomType)]
+#[zlink(crate = "zlink_core")]
+pub struct EarlierBlade {
+    /// How far back it is: 1 is the newest.
+    pub back: i64,
+    /// Until when it had the name, nanoseconds since 1970.
+    pub kept_unix_ns: i64,
+    /// It had to make room in a full library.
+    pub archived: bool,
+    /// The name that it got instead.
+    pub renamed_to: Option<String>,
+    /// The blade as it was.
+    pub blade: Blade,
+}
+
 /// A file in the store that is no blade.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, introspect::CustomType)]
 #[zlink(crate = "zlink_core")]
@@ -129,6 +172,14 @@ pub struct ListBladesReply {
     pub blades: Vec<Blade>,
     /// Files that are none.
     pub refused: Vec<RefusedFile>,
+}
+
+/// The reply of `ListHistory`.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct ListHistoryReply {
+    /// What the name can go back to, the newest first.
+    pub earlier: Vec<EarlierBlade>,
 }
 
 /// The reply of `Capture`.
@@ -195,7 +246,7 @@ pub enum StationError {
         /// What was sent.
         mix: f64,
     },
-    /// There is no earlier blade of this name.
+    /// There is no earlier blade of this name, or not so far back.
     NothingToRestore {
         /// What was sent.
         name: String,
@@ -221,6 +272,16 @@ pub enum StationError {
     },
     /// Too much is asked of the station at once; try again.
     Busy,
+    /// The station serves as many connections as it may; this one is closed.
+    TooManyConnections {
+        /// How many this user may have.
+        limit: i64,
+    },
+    /// The message was too long to be read; the connection is closed.
+    MessageTooLong {
+        /// Longest message, bytes.
+        limit: i64,
+    },
 }
 
 impl std::fmt::Display for StationError {
@@ -247,7 +308,10 @@ impl std::fmt::Display for StationError {
             Self::InvalidMix { mix } => {
                 write!(f, "the mix weight is {mix:?}, expected a number of 0 to 1000000")
             }
-            Self::NothingToRestore { name } => write!(f, "there is no earlier blade {name:?} to go back to"),
+            Self::NothingToRestore { name } => write!(
+                f,
+                "there is no earlier blade {name:?}, or not so many; sward-capture blades show lists what there is"
+            ),
             Self::StoreTrouble { reason } => {
                 write!(
                     f,
@@ -259,6 +323,13 @@ impl std::fmt::Display for StationError {
             }
             Self::NoFrames => f.write_str("no frames come: there is no sensor, or the recording is over"),
             Self::Busy => f.write_str("the station is busy; try again"),
+            Self::TooManyConnections { limit } => write!(
+                f,
+                "the station has as many connections as it may, {limit} for this user; close some, or raise service.max_connections and start it anew"
+            ),
+            Self::MessageTooLong { limit } => {
+                write!(f, "the message is too long for the station, expected {limit} bytes at most")
+            }
         }
     }
 }
@@ -293,7 +364,9 @@ mod tests {
     fn the_types_are_those_of_the_file() {
         let members = members();
         let mut known = BTreeSet::new();
-        for custom in [Status::CUSTOM_TYPE, Blade::CUSTOM_TYPE, RefusedFile::CUSTOM_TYPE] {
+        for custom in
+            [Status::CUSTOM_TYPE, Blade::CUSTOM_TYPE, EarlierBlade::CUSTOM_TYPE, RefusedFile::CUSTOM_TYPE]
+        {
             known.insert(bare(&custom.to_string()));
         }
         for error in StationError::VARIANTS {
@@ -304,6 +377,7 @@ mod tests {
             ("GetPreview(after:int)", Preview::TYPE),
             ("GetStatus()", GetStatusReply::TYPE),
             ("ListBlades()", ListBladesReply::TYPE),
+            ("ListHistory(name:string)", ListHistoryReply::TYPE),
             ("Capture()", CaptureReply::TYPE),
             ("Reload()", ReloadReply::TYPE),
         ] {
@@ -316,9 +390,8 @@ mod tests {
         ] {
             known.insert(format!("method{call}->()"));
         }
-        for name in ["RemoveBlade", "RestoreBlade"] {
-            known.insert(format!("method{name}(name:string)->()"));
-        }
+        known.insert("methodRemoveBlade(name:string)->()".to_owned());
+        known.insert("methodRestoreBlade(name:string,back:?int)->()".to_owned());
         assert_eq!(known, members);
     }
 }

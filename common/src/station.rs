@@ -6,7 +6,8 @@ use std::os::fd::OwnedFd;
 use crate::library::{Snapshot, SnapshotError};
 use crate::preview::{self, PreviewError};
 use crate::protocol::{
-    GetStatusReply, Library, ListBladesReply, MAX_SNAPSHOT_BYTES, Preview, ReloadReply, StationError,
+    GetStatusReply, Library, ListBladesReply, ListHistoryReply, MAX_SNAPSHOT_BYTES, Preview, ReloadReply,
+    StationError,
 };
 use crate::sealed::{SealedBytes, SealedError};
 
@@ -29,6 +30,11 @@ pub trait StationProxy {
     async fn get_status(&mut self) -> zlink_core::Result<Result<GetStatusReply, StationError>>;
     /// What the library holds.
     async fn list_blades(&mut self) -> zlink_core::Result<Result<ListBladesReply, StationError>>;
+    /// What a name can go back to.
+    async fn list_history(
+        &mut self,
+        name: &str,
+    ) -> zlink_core::Result<Result<ListHistoryReply, StationError>>;
     /// Has the configuration read again.
     async fn reload(&mut self) -> zlink_core::Result<Result<ReloadReply, StationError>>;
     /// Sets how often a blade stands in the meadow.
@@ -43,8 +49,12 @@ pub trait StationProxy {
     async fn put_blade(&mut self, name: &str, text: &str) -> zlink_core::Result<Result<(), StationError>>;
     /// Takes a blade away.
     async fn remove_blade(&mut self, name: &str) -> zlink_core::Result<Result<(), StationError>>;
-    /// Brings back the one before.
-    async fn restore_blade(&mut self, name: &str) -> zlink_core::Result<Result<(), StationError>>;
+    /// Goes back to an earlier one, so many; `None`: the newest.
+    async fn restore_blade(
+        &mut self,
+        name: &str,
+        back: Option<i64>,
+    ) -> zlink_core::Result<Result<(), StationError>>;
 }
 
 /// Why what comes with a reply is not what the reply says.

@@ -13,6 +13,7 @@ mod driver;
 mod messages;
 mod mutate;
 mod pictures;
+mod previews;
 mod recordings;
 mod seeds;
 
@@ -46,6 +47,11 @@ fn damaged_configurations() {
 #[test]
 fn damaged_blade_files() {
     run("damaged_blade_files", 2000, blades::case);
+}
+
+#[test]
+fn damaged_previews() {
+    run("damaged_previews", 4000, previews::case);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 pub mod daemon;
 pub mod log;
+pub mod previews;
 pub mod process;
 pub mod programs;
 pub mod random;

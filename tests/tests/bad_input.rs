@@ -92,13 +92,13 @@ fn a_config_with_an_unknown_table() {
 #[test]
 fn a_config_with_a_value_of_the_wrong_type() {
     let (finished, path) = with_config("[mask]\nnear_m = \"close\"\n");
-    refused(&finished, 2, &[&format!("{path}:2:10")]);
+    refused(&finished, 2, &[&format!("{path}:2:10: `mask.near_m` is text"), "expected a number, such as"]);
 }
 
 #[test]
 fn a_config_with_a_value_out_of_its_range() {
     let (finished, path) = with_config("[refine]\n\nknots = 65\n");
-    refused(&finished, 2, &[&format!("{path}:3:1"), "refine.knots", "2 to 64"]);
+    refused(&finished, 2, &[&format!("{path}:3:9"), "refine.knots", "2 to 64"]);
 }
 
 #[test]
@@ -129,12 +129,23 @@ fn a_value_to_set_that_is_no_toml() {
 
 #[test]
 fn an_unknown_verb() {
-    refused(&run(Program::Capture, ["replya"]), 2, &["replya"]);
+    refused(&run(Program::Capture, ["replya"]), 2, &["replya", "see sward-capture --help"]);
+    refused(
+        &run(Program::Capture, ["blades", "rename", "fern"]),
+        2,
+        &["see sward-capture blades rename --help"],
+    );
+    refused(&run(Program::Capture, ["blades"]), 2, &["list or show", "see sward-capture blades --help"]);
+    refused(&run(Program::Capture, [""; 0]), 2, &["run or replay", "see sward-capture --help"]);
 }
 
 #[test]
 fn an_unknown_option() {
-    refused(&run(Program::Capture, ["replay", "--jason"]), 2, &["--jason"]);
+    refused(
+        &run(Program::Capture, ["replay", "--jason"]),
+        2,
+        &["--jason", "see sward-capture replay --help"],
+    );
     refused(&run(Program::Render, ["--headles"]), 2, &["--headles"]);
 }
 

@@ -81,7 +81,18 @@ fn a_station_that_is_well_is_found_well_and_what_becomes_of_it_is_seen() {
         &["configuration", "source", "socket", "station.version", "station.frames", "station.store"],
     );
     is_well(&seen, &of_store);
-    is_well(&seen, &["limits.memfd", "clock", "service.watch"]);
+    is_well(&seen, &["limits.memfd", "limits.files", "clock", "service.watch"]);
+    // The station's limit counts, not that of whoever asks.
+    let station = format!("process {}", daemon.running().id());
+    assert!(findings(&seen, "limits.files")[0]["where"].as_str().is_some_and(|it| it.contains(&station)));
+    let limit = rustix::process::Rlimit { current: Some(100), maximum: Some(4096) };
+    let pid = rustix::process::Pid::from_raw(daemon.running().id() as i32);
+    rustix::process::prlimit(pid, rustix::process::Resource::Nofile, limit).expect("it is ours");
+    is_trouble(
+        &doctor(&place),
+        "limits.files",
+        &[&station, "it may have 100 open files", "start the station anew"],
+    );
     assert!(!place.join("state/.doctor").exists(), "the probe is removed");
 
     fs::write(daemon.blades().join("torn.toml"), "format = 1\nknots = [\n").expect("room");

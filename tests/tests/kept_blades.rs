@@ -215,7 +215,8 @@ fn the_library_is_served_again_after_a_restart_as_it_was() {
     // The same recording again: what was removed stays so, and nothing comes twice.
     let daemon = Daemon::start_in(folder, &[("source.rate", "0.0".to_owned())]);
     let mut station = daemon.connect();
-    wait_for(DEADLINE, || (station.status()["captures"] == json!(1)).then_some(())).expect("a capture");
+    wait_for(DEADLINE, || (station.status()["repeats"] == json!(1)).then_some(())).expect("a capture");
+    assert_eq!(station.status()["captures"], json!(0), "nothing of it is new");
     let after = station.library(0);
     assert!(after.generation() > ahead && ahead > before.generation());
     assert_eq!(after.len(), library.len() - 1);

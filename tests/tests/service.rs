@@ -62,12 +62,33 @@ fn each_verb_does_what_it_says_and_says_why_when_it_cannot() {
 
     assert_eq!(client(&["blades", "mix", "fern", "0"]).code, Some(0));
     assert_eq!(client(&["blades", "rename", "fern", "moss"]).code, Some(0));
-    refused(&client(&["blades", "show", "fern"]), 1, &["no blade \"fern\"", "blades list"]);
+    refused(&client(&["blades", "show", "heather"]), 1, &["no blade \"heather\"", "blades list"]);
+    let gone = client(&["blades", "show", "fern"]);
+    let lines: Vec<&str> = gone.stdout.lines().collect();
+    assert!(
+        gone.code == Some(0) && lines.len() == 4 && lines[1].contains("no blade has this name"),
+        "{gone:?}"
+    );
+    assert!(
+        lines[2].starts_with("history   1  until 2") && lines[2].ends_with("mix 0  renamed to \"moss\""),
+        "{gone:?}"
+    );
+    assert!(lines[3].starts_with("          2  until 2") && lines[3].ends_with("mix 1"), "{gone:?}");
+    assert_eq!(client(&["blades", "restore", "fern"]).code, Some(0), "the renaming is undone");
+    refused(&client(&["blades", "show", "heather"]), 1, &["no blade \"heather\""]);
+    assert_eq!(client(&["blades", "restore", "fern"]).code, Some(0), "the weight is undone");
+    let fern: Value =
+        serde_json::from_str(&client(&["blades", "show", "fern", "--json"]).stdout).expect("JSON");
+    assert_eq!((&fern["mix"], &fern["earlier"][0]["blade"]["mix"]), (&json!(1.0), &json!(0.0)), "{fern}");
+    assert_eq!(client(&["blades", "restore", "fern", "--back", "1"]).code, Some(0), "and done again");
+    refused(&client(&["blades", "restore", "fern", "--back", "9"]), 1, &["not so many", "blades show"]);
+    refused(&client(&["blades", "restore", "fern", "--back", "0"]), 2, &["--back", "1..=100"]);
+    assert_eq!(client(&["blades", "rename", "fern", "moss"]).code, Some(0));
     refused(&client(&["blades", "rename", "moss", "moss"]), 1, &["\"moss\"", "choose another name"]);
     refused(&client(&["blades", "rename", "moss", "../moss"]), 2, &["slash", "expected"]);
     refused(&client(&["blades", "mix", "moss", "-1"]), 2, &["-1", "0 to 1000000"]);
     refused(&client(&["blades", "mix", "moss", "nan"]), 2, &["NaN"]);
-    refused(&client(&["blades", "restore", "moss"]), 1, &["no earlier blade \"moss\""]);
+    refused(&client(&["blades", "restore", "heather"]), 1, &["no earlier blade \"heather\""]);
     assert_eq!(client(&["blades", "remove", "moss"]).code, Some(0));
     refused(&client(&["blades", "remove", "moss"]), 1, &["no blade \"moss\""]);
     assert_eq!(client(&["blades", "restore", "moss"]).code, Some(0));
@@ -124,7 +145,7 @@ fn who_is_not_listed_may_watch_at_most() {
     let watching = [watch(), watch()];
     let all = wait_for(DEADLINE, || (daemon.connect().status()["clients"] == json!(3)).then_some(()));
     all.expect("two strangers and we");
-    refused(&stranger(&daemon, &["status"]), 1, &["hung up", "service.max_connections"]);
+    refused(&stranger(&daemon, &["status"]), 1, &["2 for this user", "service.max_connections"]);
     assert_eq!(daemon.client(&["status"]).code, Some(0));
     drop(watching);
 
@@ -221,6 +242,8 @@ fn nothing_that_a_client_sends_stops_the_station() {
         r#"{"method":"io.sward.Station.SetMix","parameters":{"name":"fern","mix":1.5}}"#,
         r#"{"method":"io.sward.Station.RenameBlade","parameters":{"name":"fern","new_name":"moss"}}"#,
         r#"{"method":"io.sward.Station.RestoreBlade","parameters":{"name":"moss"},"oneway":true}"#,
+        r#"{"method":"io.sward.Station.RestoreBlade","parameters":{"name":"fern","back":2}}"#,
+        r#"{"method":"io.sward.Station.ListHistory","parameters":{"name":"fern"}}"#,
         r#"{"method":"io.sward.Station.Reload"}"#,
     ];
     let evil = [
@@ -312,6 +335,13 @@ fn a_message_without_an_end_is_not_read_for_ever() {
     let kilobyte = [b' '; 1024];
     let sent = (0..10_000).take_while(|_| stream.write_all(&kilobyte).is_ok()).count();
     assert!(sent < 1000, "{sent} kilobytes of one message were read");
+    let mut told = Vec::new();
+    let _ = stream.read_to_end(&mut told);
+    let told = String::from_utf8_lossy(&told);
+    assert!(
+        told.starts_with("{\"error\":\"io.sward.Station.MessageTooLong\"") && told.contains("65536"),
+        "{told}"
+    );
     assert_eq!(daemon.connect().status()["blades"], json!(1));
 }
 
@@ -341,7 +371,7 @@ fn readers_that_do_not_read_hold_up_nobody() {
 
 #[test]
 fn a_hundred_readers_are_served_and_more_than_the_limit_are_turned_away() {
-    let daemon = with_fern(&[("service.max_connections", "110".to_owned())]);
+    let mut daemon = with_fern(&[("service.max_connections", "110".to_owned())]);
     let mut readers: Vec<_> = (0..100).map(|_| daemon.connect()).collect();
     let first = readers[0].library(0).generation();
     let waiting: Vec<_> = readers
@@ -355,10 +385,33 @@ fn a_hundred_readers_are_served_and_more_than_the_limit_are_turned_away() {
 
     let mut more: Vec<_> = (0..20).map(|_| daemon.connect()).collect();
     let ask = |station: &mut tests::station::Station| {
-        station.try_ask("io.sward.Station.GetStatus", &json!({})).is_ok()
+        let answer = station.try_ask("io.sward.Station.GetStatus", &json!({}));
+        answer.is_ok_and(|(reply, _)| reply["error"].is_null())
     };
     let served = more.iter_mut().map(ask).filter(|served| *served).count();
     assert!((8..=10).contains(&served), "{served} of 20 on top of 100, where 110 may be");
+    // Who finds no place is told so, whether it asks first or reads first, and a flood of such costs nothing.
+    let full = json!({"error": "io.sward.Station.TooManyConnections", "parameters": {"limit": 110}});
+    let mut one_more = daemon.connect();
+    let told = one_more.try_ask("io.sward.Station.GetStatus", &json!({})).expect("it is told");
+    assert_eq!(told.0, full);
+    let mut silent = daemon.connect();
+    assert_eq!(silent.reply().expect("it is told").0, full);
+    let refused_now = daemon.client(&["status"]);
+    refused(&refused_now, 1, &["110", "service.max_connections"]);
+    let process = format!("/proc/{}/fd", daemon.running().id());
+    let open = || fs::read_dir(&process).expect("it runs").count();
+    let before = open();
+    let flood: Vec<_> = (0..2000).filter_map(|_| UnixStream::connect(daemon.socket()).ok()).collect();
+    let mut told = 0;
+    for mut stream in flood {
+        let mut reply = Vec::new();
+        // One that was closed while it wrote nothing still holds what it was told.
+        let _ = stream.read_to_end(&mut reply);
+        told += usize::from(reply.starts_with(b"{\"error\":\"io.sward.Station.TooManyConnections\""));
+    }
+    assert!(told > 1900, "{told} of 2000 were told");
+    wait_for(DEADLINE, || (open() <= before + 2).then_some(())).expect("they are closed");
     drop((readers, more));
     wait_for(DEADLINE, || ask(&mut daemon.connect()).then_some(())).expect("there is room again");
 }

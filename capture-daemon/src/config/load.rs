@@ -3,8 +3,9 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::Config;
 use super::range::out_of_range;
+use super::{Config, manual};
+use crate::mistake;
 
 /// Why a configuration cannot be used. The message begins with where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -75,12 +76,23 @@ pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError>
     })?;
     match out_of_range(&config) {
         None => Ok(config),
-        Some((key, expected)) => {
-            let place = documents.iter().rev().find_map(|document| document.place_of(key));
-            let reason = format!("`{key}` is out of range, expected {expected}");
-            Err(ConfigError::Invalid { place: place.unwrap_or_else(|| "configuration".to_owned()), reason })
-        }
+        Some((key, expected)) => Err(refused(&documents, key, &expected)),
     }
+}
+
+/// Keys whose range is that of another one, which may be the one that is given.
+const BESIDE: [(&str, &str); 2] =
+    [("mask.far_m", "mask.near_m"), ("camera.distortion", "camera.distortion_model")];
+
+/// Why the value of a key cannot be used, by the last document that gives it.
+fn refused(documents: &[Document], key: &str, expected: &str) -> ConfigError {
+    let place_of = |key: &str| documents.iter().rev().find_map(|document| document.place_of(key));
+    let own = place_of(key);
+    let shown = own.as_ref().filter(|_| key.contains('.')).map(|(_, shown)| format!(" = {shown}"));
+    let beside = || BESIDE.iter().find(|(of, _)| *of == key).and_then(|(_, other)| place_of(other));
+    let place = own.or_else(beside).map_or_else(|| "configuration".to_owned(), |(place, _)| place);
+    let reason = format!("`{key}`{} is out of range, expected {expected}", shown.unwrap_or_default());
+    ConfigError::Invalid { place, reason }
 }
 
 enum Origin {
@@ -105,37 +117,21 @@ impl Document {
     }
 
     fn error(&self, error: &toml::de::Error) -> ConfigError {
-        let message = error
-            .message()
-            .replace('\n', ", ")
-            .replace("unknown field", "unknown key")
-            .replace("expected f64", "expected a number")
-            .replace("expected f32", "expected a number")
-            .replace("expected usize", "expected a whole number, 0 or more")
-            .replace("expected u32", "expected a whole number, 0 or more");
+        let reason = mistake::reason(error, &self.text, &manual::example());
         let hint = match &self.origin {
-            Origin::Set(_) if error.span().is_some() && !message.contains("unknown key") => {
+            Origin::Set(_) if error.span().is_some() && !reason.contains("unknown key") => {
                 " (--set takes key=value as TOML; text needs quotes: --set 'service.socket=\"/tmp/s\"')"
             }
             _ => "",
         };
-        ConfigError::Invalid { place: self.place(error.span()), reason: format!("{message}{hint}") }
+        ConfigError::Invalid { place: self.place(error.span()), reason: format!("{reason}{hint}") }
     }
 
-    /// Where this document sets `key` (a dotted path), if it does.
-    fn place_of(&self, key: &str) -> Option<String> {
-        let document = toml::de::DeTable::parse(&self.text).ok()?;
-        let mut table = document.get_ref();
-        let mut parts = key.split('.').peekable();
-        while let Some(part) = parts.next() {
-            let (name, value) = table.iter().find(|(name, _)| name.get_ref() == part)?;
-            match (parts.peek(), value.get_ref()) {
-                (None, _) => return Some(self.place(Some(name.span()))),
-                (Some(_), toml::de::DeValue::Table(inner)) => table = inner,
-                _ => return None,
-            }
-        }
-        None
+    /// Where this document gives `key` its value, and that value as it stands there, if it does.
+    fn place_of(&self, key: &str) -> Option<(String, String)> {
+        let span = mistake::place_of(key, &self.text)?;
+        let shown = mistake::echo(self.text.get(span.clone()).unwrap_or_default());
+        Some((self.place(Some(span)), shown))
     }
 }
 

@@ -35,6 +35,11 @@ pub fn page() -> Page {
     Page { file: "capture-daemon.toml.5".to_owned(), text: page.render() }
 }
 
+/// The shipped file with the keys that have no default: a value for each key.
+pub(super) fn example() -> String {
+    DOCUMENTED.replace("\n#= ", "\n")
+}
+
 fn section_of(line: &str) -> Option<&str> {
     line.strip_prefix('[')?.strip_suffix(']')
 }
@@ -66,8 +71,7 @@ mod tests {
     #[test]
     fn every_key_has_its_place() {
         let page = page().text;
-        let uncommented = DOCUMENTED.replace("\n#= ", "\n");
-        let all: toml::Table = uncommented.parse().expect("TOML");
+        let all: toml::Table = example().parse().expect("TOML");
         let mut keys = 0;
         for (section, table) in all {
             for (key, value) in table.as_table().expect("a table") {

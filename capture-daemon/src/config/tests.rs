@@ -32,20 +32,47 @@ fn the_shipped_file_documents_exactly_the_defaults() {
 fn errors_name_file_line_and_column() {
     let error = |text| check(text, &[]).expect_err("invalid");
     let unknown = error("[mask]\nnear_m = 0.4\n  fare_m = 1.0\n");
-    assert!(unknown.starts_with("c.toml:3:3: unknown key `fare_m`, expected one of"), "{unknown}");
+    assert!(unknown.starts_with("c.toml:3:3: unknown key `mask.fare_m`, expected one of"), "{unknown}");
     let wrong_type = error("[refine]\nknots = \"many\"\n");
-    assert!(wrong_type.starts_with("c.toml:2:9: invalid type"), "{wrong_type}");
+    assert!(
+        wrong_type.starts_with("c.toml:2:9: `refine.knots` is text (\"many\"), expected a whole number"),
+        "{wrong_type}"
+    );
     let range = error("[refine]\nknots = 65\n");
-    assert_eq!(range, "c.toml:2:1: `refine.knots` is out of range, expected 2 to 64");
+    assert_eq!(range, "c.toml:2:9: `refine.knots` = 65 is out of range, expected 2 to 64");
     let syntax = error("[mask\n");
     assert!(syntax.starts_with("c.toml:1:"), "{syntax}");
     let lens = error("camera = { fx = 9, fy = 9, cx = 0, cy = 0, distortion = [1.0] }");
-    assert!(lens.starts_with("c.toml:1:44: `camera.distortion`") && lens.contains("plumb_bob"), "{lens}");
+    assert!(lens.starts_with("c.toml:1:57: `camera.distortion`") && lens.contains("plumb_bob"), "{lens}");
     let alone = error("[camera]\ndistortion = [0.1, 0, 0, 0]\n");
-    assert!(alone.contains("c.toml:2:1: `camera.distortion` is out of range, expected camera.fx"), "{alone}");
+    assert!(
+        alone.contains(
+            "c.toml:2:14: `camera.distortion` = [0.1, 0, 0, 0] is out of range, expected camera.fx"
+        ),
+        "{alone}"
+    );
     let order = error("mask = { near_m = 1.0, far_m = 0.5 }\n");
-    assert!(order.starts_with("c.toml:1:24: `mask.far_m`"), "{order}");
+    assert!(order.starts_with("c.toml:1:32: `mask.far_m` = 0.5 is"), "{order}");
+    let nearer = error("# Ours.\n\n[mask]\nnear_m = 1.0\n");
+    assert_eq!(nearer, "c.toml:4:10: `mask.far_m` is out of range, expected more than mask.near_m (1)");
+    let region = error("[mask]\nroi = [1, 2, 3]\n");
+    assert!(
+        region.starts_with("c.toml:2:7: `mask.roi` is a list of 3, expected a list of 4 whole numbers"),
+        "{region}"
+    );
+    let table = error("mask = 0.3");
+    assert_eq!(table, "c.toml:1:8: `mask` is the number 0.3, expected a table, with keys of its own");
     assert!(!error("x = 1\ny =\n").contains('\n'));
+    // Nothing that only this program's source calls so.
+    for (table, value) in
+        [("mask", "\"x\""), ("camera.fx", "[]"), ("mask.roi", "\"all\""), ("source.loop", "1")]
+    {
+        let said = check(&format!("{table} = {value}"), &[]).expect_err("invalid");
+        assert!(
+            !["struct", "f32", "f64", "usize", "Config", "array"].iter().any(|word| said.contains(word)),
+            "{said}"
+        );
+    }
 }
 
 #[test]
@@ -57,7 +84,7 @@ fn set_wins_over_the_file() {
 #[test]
 fn the_service_s_keys_are_in_their_ranges() {
     let error = |text| check(text, &[]).expect_err("invalid");
-    assert!(error("service.socket_mode = 0o1777").contains("`service.socket_mode` is out of range"));
+    assert!(error("service.socket_mode = 0o1777").contains("`service.socket_mode` = 0o1777 is out of range"));
     assert!(error("service.socket_mode = \"rw\"").contains("expected a whole number"));
     assert!(error("service.watch = [\"@\"]").contains("`service.watch`"));
     assert!(error("service.max_connections = 1").contains("expected 2 to 10000"));
@@ -93,9 +120,9 @@ fn the_state_directory_is_the_configurations_then_systemds() {
 #[test]
 fn a_bad_set_names_the_argument() {
     let error = |set| check("", &[set]).expect_err("invalid");
-    assert!(error("mask.nears=1").contains("--set 'mask.nears=1', column 6: unknown key `nears`"));
+    assert!(error("mask.nears=1").contains("--set 'mask.nears=1', column 6: unknown key `mask.nears`"));
     assert!(error("service.socket=/tmp/x").contains("text needs quotes"));
-    assert!(error("refine.knots=1").starts_with("--set 'refine.knots=1', column 8: `refine.knots`"));
+    assert!(error("refine.knots=1").starts_with("--set 'refine.knots=1', column 14: `refine.knots` = 1 is"));
     assert!(error("nonsense").contains("--set 'nonsense'"));
     assert!(error("mask.near_m=nan").contains("out of range"));
 }

@@ -1,5 +1,6 @@
 //! The machine itself: names, limits, sealed memory, its clock.
 
+use std::fs;
 use std::os::fd::OwnedFd;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -45,25 +46,70 @@ fn is_known(entry: &str) -> bool {
         }
 }
 
-/// Descriptors that a process of this user may have; `None`: as many as it likes.
-pub(super) fn open_files_limit() -> Option<u64> {
-    getrlimit(Resource::Nofile).current
+/// Whose limit of open descriptors was asked for, and what it is; `None`: there is none.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum OpenFiles {
+    /// Of the station that runs.
+    Station { pid: u32, limit: Option<u64> },
+    /// No station runs: of a process that is started here.
+    Here(Option<u64>),
+    /// One runs, and its limit cannot be read, with the reason.
+    Unknown(String),
 }
 
-/// Whether `limit` descriptors are enough for so many connections: each has two, and one more with a reply.
-pub(super) fn open_files(limit: Option<u64>, max_connections: usize) -> Finding {
+impl OpenFiles {
+    /// Of the process with which a station answers, as the socket's credentials name it; `None` where none does.
+    pub(super) fn of(station: Option<u32>) -> Self {
+        let Some(pid) = station else { return Self::Here(getrlimit(Resource::Nofile).current) };
+        let read = |name: &str| fs::read_to_string(format!("/proc/{pid}/{name}"));
+        // Where systemd made the socket, it is systemd that is named.
+        match (read("comm"), read("limits")) {
+            (Ok(name), Ok(limits)) if name.trim() == "sward-capture" => match open_files_of(&limits) {
+                Some(limit) => Self::Station { pid, limit },
+                None => Self::Unknown(format!("/proc/{pid}/limits is not understood")),
+            },
+            (Ok(name), _) => Self::Unknown(format!(
+                "the socket is of process {pid} ({}), which passes it to the station",
+                name.trim()
+            )),
+            (Err(error), _) => {
+                Self::Unknown(format!("the station's process {pid} cannot be looked at: {error}"))
+            }
+        }
+    }
+}
+
+/// The soft limit of open files in a process's `limits` (proc(5)); the inner `None`: there is none.
+fn open_files_of(limits: &str) -> Option<Option<u64>> {
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max open files"))?;
+    match line.split_whitespace().next()? {
+        "unlimited" => Some(None),
+        number => number.parse().ok().map(Some),
+    }
+}
+
+/// Whether so many descriptors are enough for so many connections: each has two, and one more with a reply.
+pub(super) fn open_files(of: &OpenFiles, max_connections: usize) -> Finding {
     const CHECK: &str = "limits.files";
     let needed = OWN_FILES + 3 * max_connections as u64;
+    let (place, limit) = match of {
+        OpenFiles::Station { pid, limit } => (format!("the station (process {pid})"), limit),
+        OpenFiles::Here(limit) => ("a process started here".to_owned(), limit),
+        OpenFiles::Unknown(reason) => {
+            let found = format!("{reason}; {needed} open files are needed (LimitNOFILE= of the unit)");
+            return Finding::skipped(CHECK, "", found);
+        }
+    };
     match limit {
-        Some(limit) if limit < needed => Finding::trouble(
+        Some(limit) if *limit < needed => Finding::trouble(
             CHECK,
-            "",
-            format!("a process started here may have {limit} open files"),
+            place,
+            format!("it may have {limit} open files"),
             format!("{needed}, for service.max_connections = {max_connections}"),
-            "raise it (ulimit -n; LimitNOFILE= of the unit), or lower service.max_connections",
+            "raise it (ulimit -n; LimitNOFILE= of the unit) and start the station anew, or lower service.max_connections",
         ),
-        Some(limit) => Finding::ok(CHECK, "", format!("{limit} open files, {needed} needed")),
-        None => Finding::ok(CHECK, "", format!("no limit of open files, {needed} needed")),
+        Some(limit) => Finding::ok(CHECK, place, format!("{limit} open files, {needed} needed")),
+        None => Finding::ok(CHECK, place, format!("no limit of open files, {needed} needed")),
     }
 }
 
@@ -121,9 +167,32 @@ mod tests {
 
     #[test]
     fn too_few_descriptors_are_trouble() {
-        assert_eq!(open_files(Some(1024), 256).verdict, Verdict::Ok);
-        assert_eq!(open_files(None, 10_000).verdict, Verdict::Ok);
-        assert_trouble(&open_files(Some(1024), 1000), &["1024", "3064", "service.max_connections = 1000"]);
+        assert_eq!(open_files(&OpenFiles::Here(Some(1024)), 256).verdict, Verdict::Ok);
+        assert_eq!(open_files(&OpenFiles::Here(None), 10_000).verdict, Verdict::Ok);
+        let few = open_files(&OpenFiles::Station { pid: 77, limit: Some(1024) }, 1000);
+        assert_trouble(&few, &["process 77", "1024", "3064", "service.max_connections = 1000"]);
+        let unknown = open_files(&OpenFiles::Unknown("nobody knows".to_owned()), 1000);
+        assert!(
+            unknown.verdict == Verdict::Skipped && unknown.found.contains("nobody knows; 3064"),
+            "{unknown:?}"
+        );
+    }
+
+    #[test]
+    fn limits_are_those_of_the_station_that_answers() {
+        let limits = "Limit        Soft Limit   Hard Limit   Units\nMax processes  7  8  processes\nMax open files    512       4096      files\n";
+        assert_eq!(open_files_of(limits), Some(Some(512)));
+        assert_eq!(open_files_of("Max open files   unlimited unlimited files\n"), Some(None));
+        assert_eq!(open_files_of("Max open files\n"), None);
+        assert!(matches!(OpenFiles::of(None), OpenFiles::Here(_)));
+        // This process is no station, and there is none of the other number.
+        let other = OpenFiles::of(Some(std::process::id()));
+        assert!(matches!(&other, OpenFiles::Unknown(reason) if reason.contains("passes it")), "{other:?}");
+        let none = OpenFiles::of(Some(u32::MAX));
+        assert!(
+            matches!(&none, OpenFiles::Unknown(reason) if reason.contains("cannot be looked at")),
+            "{none:?}"
+        );
     }
 
     #[test]

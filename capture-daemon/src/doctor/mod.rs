@@ -164,8 +164,10 @@ fn examine(args: &DoctorArgs) -> Vec<Finding> {
             let (findings, newest) = store::examine(&folder, config.store.archive_max);
             all.extend(findings);
             newest_ns = newest;
-            all.extend(socket::examine(&config.service.socket, DEADLINE));
-            all.push(machine::open_files(machine::open_files_limit(), config.service.max_connections));
+            let (findings, station) = socket::examine(&config.service.socket, DEADLINE);
+            all.extend(findings);
+            let open_files = machine::OpenFiles::of(station);
+            all.push(machine::open_files(&open_files, config.service.max_connections));
         }
         None => {
             let parts = ["source", "store", "socket", "limits.files"];
@@ -235,7 +237,7 @@ mod tests {
         std::fs::write(&path, "[refine]\nknots = 65\n").expect("room");
         let found = examine(&args(Some(&path), &[]));
         let of = |check: &str| found.iter().find(|finding| finding.check == check).expect("it is checked");
-        assert_trouble(of("configuration"), &["station.toml:2:1", "2 to 64", "mend it"]);
+        assert_trouble(of("configuration"), &["station.toml:2:9", "2 to 64", "mend it"]);
         assert_eq!(of("store").verdict, Verdict::Skipped);
         assert_eq!(of("limits.memfd").verdict, Verdict::Ok);
         let (config, finding) = configuration(&args(None, &["refine.knots=12"]));

@@ -3,9 +3,12 @@
 use std::fs::{self, Metadata};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use nix::sys::socket::getsockopt;
+use nix::sys::socket::sockopt::PeerCredentials;
 use nix::unistd::{Gid, Group, Uid, User};
 use rustix::fs::{Access, access};
 
@@ -16,15 +19,16 @@ const CHECK: &str = "socket";
 /// A station that runs for so long knows its rate of frames.
 const RATE_IS_KNOWN_AFTER: Duration = Duration::from_secs(2);
 
-/// The socket's folder, the socket, and the station that answers there, within `deadline`.
-pub(super) fn examine(socket: &Path, deadline: Duration) -> Vec<Finding> {
+/// The socket's folder, the socket, and the station that answers there, within `deadline`; with the process that
+/// the socket is of, where a station answers.
+pub(super) fn examine(socket: &Path, deadline: Duration) -> (Vec<Finding>, Option<u32>) {
     let mut all = vec![folder(socket)];
     let place = socket.display();
     let metadata = match fs::symlink_metadata(socket) {
         Ok(metadata) => metadata,
         Err(error) if error.kind() == ErrorKind::NotFound => {
             all.push(Finding::ok(CHECK, place, "it is free: no station runs"));
-            return all;
+            return (all, None);
         }
         Err(error) => {
             let remedy = "run this as the station's user or as root";
@@ -35,7 +39,7 @@ pub(super) fn examine(socket: &Path, deadline: Duration) -> Vec<Finding> {
                 "a path that may be looked at",
                 remedy,
             ));
-            return all;
+            return (all, None);
         }
     };
     // Where it is a link, what it leads to counts.
@@ -44,7 +48,7 @@ pub(super) fn examine(socket: &Path, deadline: Duration) -> Vec<Finding> {
         let found = "what is there is not a socket";
         let remedy = "remove it, or set service.socket to another path";
         all.push(Finding::trouble(CHECK, place, found, "a socket, or nothing", remedy));
-        return all;
+        return (all, None);
     }
     match status_of(socket, deadline) {
         Ok(status) => {
@@ -57,10 +61,19 @@ pub(super) fn examine(socket: &Path, deadline: Duration) -> Vec<Finding> {
             };
             all.push(Finding::ok(CHECK, place, format!("a station answers; {}", owner(&metadata))));
             all.extend(station::examine(&status));
+            (all, process_of(socket))
         }
-        Err(error) => all.push(unanswered(socket, &metadata, &error)),
+        Err(error) => {
+            all.push(unanswered(socket, &metadata, &error));
+            (all, None)
+        }
     }
-    all
+}
+
+/// The process that listens on a socket, or had it made (unix(7), SO_PEERCRED).
+fn process_of(socket: &Path) -> Option<u32> {
+    let stream = UnixStream::connect(socket).ok()?;
+    u32::try_from(getsockopt(&stream, PeerCredentials).ok()?.pid()).ok()
 }
 
 /// Whether a station of this user can make its socket, and nobody else can put another in its place.
@@ -178,7 +191,7 @@ mod tests {
     /// What is found of the socket itself.
     fn of(socket: &Path, deadline: Duration) -> Finding {
         let found = examine(socket, deadline);
-        found.into_iter().find(|finding| finding.check == CHECK).expect("it is looked at")
+        found.0.into_iter().find(|finding| finding.check == CHECK).expect("it is looked at")
     }
 
     #[test]

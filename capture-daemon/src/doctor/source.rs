@@ -12,7 +12,9 @@ pub(super) fn first_frame(config: &Config, deadline: Duration) -> Finding {
     const CHECK: &str = "source";
     const EXPECTED: &str = "a recording whose first frame can be read";
     let Some(path) = config.source.recording.clone() else {
-        return Finding::skipped(CHECK, "source.recording", "it is not set: nothing will be captured");
+        let found = "no recording is set: a station started so never captures anything";
+        let remedy = "set source.recording, or name the station's own configuration with --config";
+        return Finding::trouble(CHECK, "source.recording", found, EXPECTED, remedy);
     };
     let (options, place) = (config.open_options(), path.display().to_string());
     let read = within(deadline, move || {
@@ -60,7 +62,10 @@ mod tests {
 
     #[test]
     fn a_recording_that_cannot_be_read_is_trouble() {
-        assert_eq!(first_frame(&Config::default(), DEADLINE).verdict, Verdict::Skipped);
+        assert_trouble(
+            &first_frame(&Config::default(), DEADLINE),
+            &["source.recording", "never captures", "--config"],
+        );
         let shipped = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../recordings/single-1.mcap"));
         let found = of(shipped);
         assert_eq!((found.verdict, &*found.found), (Verdict::Ok, "frames of 640x480 px"));

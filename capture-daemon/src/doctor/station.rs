@@ -36,7 +36,9 @@ fn frames(status: &Status) -> Finding {
     );
     let seldom = |count: i64| count.saturating_mul(RARELY) <= *frames;
     if source == "none" {
-        return Finding::skipped(CHECK, "source.recording", "the station has no source");
+        let remedy = "set source.recording to a recording and start the station anew";
+        let found = "the station has no source, and will never capture anything";
+        return Finding::trouble(CHECK, "source.recording", found, "a source of frames", remedy);
     }
     if *frames_per_second <= 0.0 {
         let remedy =
@@ -78,22 +80,12 @@ mod tests {
 
     fn well() -> Status {
         Status {
-            state: "waiting".to_owned(),
-            generation: 7,
             blades: 3,
             frames: 1000,
-            captures: 1,
             skipped_frames: 2,
             dropped_frames: 10,
             frames_per_second: 30.0,
-            source: "a recording".to_owned(),
-            store: "ok".to_owned(),
-            waiting: 0,
-            lost: 0,
-            refused_files: 0,
-            clients: 1,
-            config: "0".to_owned(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            ..Status::at_start("a recording", "0", env!("CARGO_PKG_VERSION"))
         }
     }
 
@@ -103,7 +95,7 @@ mod tests {
         assert!(found.iter().all(|finding| finding.verdict == Verdict::Ok), "{found:?}");
         assert!(found[1].found.contains("30.0 a second"), "{found:?}");
         let idle = Status { source: "none".to_owned(), frames_per_second: 0.0, ..well() };
-        assert_eq!(examine(&idle)[1].verdict, Verdict::Skipped);
+        assert_trouble(&examine(&idle)[1], &["source.recording", "never capture anything"]);
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub struct Shown {
     drawn: OnceLock<Drawn>,
 }
 
-/// What a preview has of a capture.
+/// What a preview has of a capture: its parts and its skeletons.
 #[derive(Clone, Debug, PartialEq)]
 struct Drawn {
     labels: Vec<u8>,
@@ -68,7 +68,7 @@ impl Shown {
 }
 
 impl Look {
-    /// Its bytes. O(pixels), and while the hold runs that of the mask and the contours of one frame.
+    /// Its bytes. O(pixels), and while something is before the camera that of the mask and the contours of one frame.
     ///
     /// # Errors
     /// A frame of more pixels than a preview holds.
@@ -111,28 +111,26 @@ impl Look {
         header.camera_px = [camera.fx, camera.fy, camera.cx, camera.cy].map(|value| value as f32);
 
         let mut mask = presence::plane(frame, &self.mask);
-        let drawn = match &self.shown {
+        let mut drawn = Drawn { labels: vec![0; mask.len()], polylines: Vec::new() };
+        if matches!(self.state, layout::State::Settling | layout::State::Captured) {
+            let (seen, outlines) = look_at(frame, &self.mask);
+            add_hand(&mut mask, &seen);
             // A sensor that changes its resolution has left the capture's picture behind.
-            Some(shown) if has_size_of(&shown.capture.steps.mask, frame) => {
-                add_hand(&mut mask, &shown.capture.steps.mask);
-                Cow::Borrowed(shown.drawn())
+            let shown = self.shown.as_ref().filter(|shown| has_size_of(&shown.capture.steps.mask, frame));
+            let mut skeletons = Vec::new();
+            if let Some(shown) = shown {
+                let is_there = still_there(frame, &shown.capture.steps.mask);
+                (drawn.labels, skeletons) = shown.drawn().where_it_is(&is_there);
             }
-            _ if self.state == layout::State::Settling => {
-                let (seen, outlines) = look_at(frame, &self.mask);
-                add_hand(&mut mask, &seen);
-                let polylines = fitting(Vec::new(), contours(&outlines));
-                Cow::Owned(Drawn { labels: vec![0; mask.len()], polylines })
-            }
-            _ => Cow::Owned(Drawn { labels: vec![0; mask.len()], polylines: Vec::new() }),
-        };
+            drawn.polylines = fitting(skeletons, contours(&outlines));
+        }
         let depth_mm = depth_mm(frame);
-        let Drawn { labels, polylines } = drawn.as_ref();
         layout::encode(&Content {
             header,
             depth_mm: &depth_mm,
             mask: &mask,
-            labels,
-            polylines,
+            labels: &drawn.labels,
+            polylines: &drawn.polylines,
             code,
             words: &words,
         })
@@ -141,6 +139,17 @@ impl Look {
 
 fn has_size_of(mask: &Mask, frame: &DepthFrame) -> bool {
     (mask.width, mask.height) == (frame.width, frame.height)
+}
+
+/// At which pixels a frame shows something at the depth that it had in a capture, row-major.
+fn still_there(frame: &DepthFrame, mask: &Mask) -> Vec<bool> {
+    /// Farther from where it was it is something else, metres.
+    const NEAR_M: f32 = 0.02;
+    let unit_m = frame.depth_unit_m as f32;
+    let is_near = |(counts, depth_m): (&u16, &f32)| {
+        *counts != 0 && (f32::from(*counts) * unit_m - depth_m).abs() < NEAR_M
+    };
+    frame.depth.iter().zip(&mask.depth_m).map(is_near).collect()
 }
 
 /// What one frame alone shows, as the stages have it.
@@ -186,8 +195,26 @@ impl Drawn {
                 })
                 .collect(),
         });
-        let polylines = fitting(skeletons.collect(), contours(&steps.outlines));
-        Self { labels: labels(steps, &blades), polylines }
+        Self { labels: labels(steps, &blades), polylines: skeletons.collect() }
+    }
+
+    /// Its parts and skeletons as far as they are where they were: those of which at least half of the pixels are
+    /// still there.
+    fn where_it_is(&self, is_there: &[bool]) -> (Vec<u8>, Vec<Polyline>) {
+        let mut pixels = [[0_usize; 2]; 256];
+        for (label, is_there) in self.labels.iter().zip(is_there) {
+            pixels[usize::from(*label)][usize::from(*is_there)] += 1;
+        }
+        let stays = pixels.map(|[gone, there]| there >= gone);
+        let labels =
+            self.labels.iter().map(|label| if stays[usize::from(*label)] { *label } else { 0 }).collect();
+        // Those that were refused have no part that is known to be theirs: they go with the last blade.
+        let some_stay = (1..=255).any(|label| pixels[label] != [0, 0] && stays[label]);
+        let skeletons = self.polylines.iter().filter(|line| match usize::try_from(line.label) {
+            Ok(0) | Err(_) => some_stay,
+            Ok(label) => stays[label.min(255)],
+        });
+        (labels, skeletons.cloned().collect())
     }
 }
 
@@ -315,10 +342,17 @@ impl Previewer {
         self.shown = None;
     }
 
-    /// Shows a frame that `session` has taken, and the capture that it completed. O(1).
-    pub(crate) fn frame(&mut self, frame: DepthFrame, session: &Session, capture: Option<Arc<Capture>>) {
+    /// Shows a frame that `session` has taken, and the capture that it completed. `is_known`: all of its blades
+    /// were captured before. O(1).
+    pub(crate) fn frame(
+        &mut self,
+        frame: DepthFrame,
+        session: &Session,
+        capture: Option<Arc<Capture>>,
+        is_known: bool,
+    ) {
         let (state, timestamp_ns) = (session.state(), frame.timestamp_ns);
-        let message = self.visitor.tell(state, capture.as_deref(), timestamp_ns);
+        let message = self.visitor.tell(state, capture.as_deref(), is_known, timestamp_ns);
         let is_captured = state == State::Captured;
         if !is_captured || capture.is_some() {
             self.shown = capture.filter(|_| is_captured).map(|capture| Arc::new(Shown::new(capture)));

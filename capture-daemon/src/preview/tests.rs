@@ -1,27 +1,16 @@
 //! A look becomes the bytes that it should.
 
 use super::*;
-use crate::frame::CameraModel;
+use crate::bar;
 use crate::session::SessionParams;
 
-/// A frame of an upright blade, half a metre away.
+/// A frame of an upright blade, half a metre away; its first pixel has no reading.
 fn frame(index: u64, depth_unit_m: f64) -> DepthFrame {
-    let (width, height) = (160, 120);
-    let counts = |mm: f64| (mm * 1e-3 / depth_unit_m).round() as u16;
-    let depth = (0..width * height).map(|at| {
-        let (x, y) = (at % width, at / width);
-        let half = 1 + y / 24;
-        let is_blade = (80 - half..80 + half).contains(&x) && (20..100).contains(&y);
-        if at == 0 { 0 } else { counts(if is_blade { 500.0 } else { 1300.0 }) }
-    });
-    DepthFrame {
-        width,
-        height,
-        depth: depth.collect(),
-        depth_unit_m,
-        camera: CameraModel { fx: 140.0, fy: 140.0, cx: 79.5, cy: 59.5 },
-        timestamp_ns: 1_000_000_000 + index * 33_333_333,
-    }
+    let mut frame = bar::frame(index, Some(500), 1300);
+    let counts = |mm: u16| (f64::from(mm) * 1e-3 / depth_unit_m).round() as u16;
+    frame.depth.iter_mut().for_each(|depth| *depth = counts(*depth));
+    frame.depth[0] = 0;
+    DepthFrame { depth_unit_m, ..frame }
 }
 
 /// The looks at so many frames.
@@ -32,7 +21,7 @@ fn looks(frames: u64, depth_unit_m: f64) -> Vec<Arc<Look>> {
     let look = |index| {
         let frame = frame(index, depth_unit_m);
         let capture = session.push(&frame).map(Arc::new);
-        previewer.frame(frame, &session, capture);
+        previewer.frame(frame, &session, capture, false);
         seen.borrow().clone().expect("it is shown")
     };
     (0..frames).map(look).collect()
@@ -91,6 +80,44 @@ fn every_pixel_of_the_blade_is_of_its_part() {
 }
 
 #[test]
+fn what_is_taken_away_is_shown_where_it_is() {
+    let (looks, seen) = watch::channel(None);
+    let mut previewer = Previewer::new(looks);
+    let mut session = Session::new(SessionParams::default());
+    for index in 0..60_usize {
+        // From the capture on, two pixels to the right with each frame.
+        let shift = 2 * index.saturating_sub(16);
+        let mut frame = frame(index as u64, 0.001);
+        for row in frame.depth.chunks_mut(160) {
+            row.rotate_right(shift.min(60));
+        }
+        let capture = session.push(&frame).map(Arc::new);
+        let depth = frame.depth.clone();
+        previewer.frame(frame, &session, capture, false);
+        let preview = read(seen.borrow().as_ref().expect("it is shown"));
+        assert_eq!(preview.header().capture.is_some(), index >= 16);
+        let is_blade = |at: usize| depth[at] == 500;
+        assert!((0..depth.len()).all(|at| (preview.mask()[at] & layout::SEEN != 0) == is_blade(at)));
+        let contours = preview.polylines().filter(|line| line.kind() == PolylineKind::Contour);
+        let points: Vec<_> = contours.flat_map(|line| line.points().collect::<Vec<_>>()).collect();
+        assert!(points.len() > 100, "frame {index}");
+        for point in points {
+            let (x, y) = (point.x.round() as usize, point.y.round() as usize);
+            let around = (y - 1..=y + 1).flat_map(|y| (x - 1..=x + 1).map(move |x| y * 160 + x));
+            assert!(around.clone().any(is_blade), "frame {index}: {point:?}");
+        }
+        let parts = preview.labels().iter().filter(|label| **label == 1).count();
+        let skeletons = preview.polylines().filter(|line| line.kind() == PolylineKind::Skeleton).count();
+        // Up to eight pixels wide, it lies beside where it was after four frames.
+        match index {
+            16 | 17 => assert!(parts > 400 && skeletons == 1, "frame {index}: {parts} {skeletons}"),
+            0..16 | 20.. => assert_eq!((parts, skeletons), (0, 0), "frame {index}"),
+            _ => assert_eq!(parts > 0, skeletons > 0, "frame {index}"),
+        }
+    }
+}
+
+#[test]
 fn depth_is_told_in_millimetres_whatever_the_sensor_counts() {
     for depth_unit_m in [0.001, 0.0001, 0.00025, 0.002] {
         let look = looks(1, depth_unit_m).pop().expect("a look");
@@ -108,7 +135,9 @@ fn a_frame_of_another_size_is_shown_without_the_capture() {
     let (width, height) = (80, 60);
     let small = DepthFrame { width, height, depth: vec![500; width * height], ..frame(17, 0.001) };
     let preview = read(&Look { frame: Some((17, small)), ..Look::clone(&look) });
-    assert_eq!((preview.header().width, preview.polylines().len()), (80, 0));
+    assert_eq!(preview.header().width, 80);
+    assert!(preview.polylines().all(|line| line.kind() == PolylineKind::Contour));
+    assert!(preview.labels().iter().all(|label| *label == 0));
 }
 
 #[test]

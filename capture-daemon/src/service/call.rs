@@ -20,6 +20,8 @@ pub(crate) enum Call {
     GetStatus,
     /// What the library holds.
     ListBlades,
+    /// What a name can go back to.
+    ListHistory { name: String },
     /// A change of the store.
     Order(Order),
     /// Capture now.
@@ -141,6 +143,7 @@ impl Call {
             "io.sward.Station.GetPreview" => Self::GetPreview { after: parameters.whole("after")? },
             "io.sward.Station.GetStatus" => Self::GetStatus,
             "io.sward.Station.ListBlades" => Self::ListBlades,
+            "io.sward.Station.ListHistory" => Self::ListHistory { name: parameters.text("name")? },
             "io.sward.Station.Capture" => Self::Capture,
             "io.sward.Station.Reload" => Self::Reload,
             "io.sward.Station.SetMix" => {
@@ -155,7 +158,10 @@ impl Call {
                 text: BladeText(parameters.text("text")?),
             }),
             "io.sward.Station.RemoveBlade" => Self::Order(Order::Remove { name: parameters.text("name")? }),
-            "io.sward.Station.RestoreBlade" => Self::Order(Order::Restore { name: parameters.text("name")? }),
+            "io.sward.Station.RestoreBlade" => Self::Order(Order::Restore {
+                name: parameters.text("name")?,
+                back: parameters.count("back", 1)?,
+            }),
             _ => return Err(CallError::MethodNotFound { method: echo(method) }),
         };
         parameters.end()?;
@@ -166,9 +172,11 @@ impl Call {
     pub(crate) fn right(&self) -> Right {
         match self {
             Self::GetInfo | Self::GetInterfaceDescription { .. } => Right::Anyone,
-            Self::GetLibrary { .. } | Self::GetPreview { .. } | Self::GetStatus | Self::ListBlades => {
-                Right::Watch
-            }
+            Self::GetLibrary { .. }
+            | Self::GetPreview { .. }
+            | Self::GetStatus
+            | Self::ListBlades
+            | Self::ListHistory { .. } => Right::Watch,
             Self::Order(_) | Self::Capture | Self::Reload => Right::Change,
         }
     }
@@ -186,6 +194,17 @@ impl Parameters {
 
     fn whole(&mut self, name: &str) -> Result<i64, CallError> {
         self.0.remove(name).and_then(|value| value.as_i64()).ok_or_else(|| invalid(name))
+    }
+
+    /// A whole number from 1 on; `otherwise` where there is none.
+    fn count(&mut self, name: &str, otherwise: usize) -> Result<usize, CallError> {
+        match self.0.remove(name) {
+            None | Some(Value::Null) => Ok(otherwise),
+            Some(value) => {
+                let count = value.as_u64().and_then(|count| usize::try_from(count).ok());
+                count.filter(|count| *count > 0).ok_or_else(|| invalid(name))
+            }
+        }
     }
 
     fn number(&mut self, name: &str) -> Result<f64, CallError> {
@@ -240,7 +259,13 @@ mod tests {
                 Call::Order(Order::Put { name: name(), text: BladeText("format = 1".to_owned()) }),
             ),
             ("RemoveBlade", r#"{"name":"fern"}"#, Call::Order(Order::Remove { name: name() })),
-            ("RestoreBlade", r#"{"name":"fern"}"#, Call::Order(Order::Restore { name: name() })),
+            ("RestoreBlade", r#"{"name":"fern"}"#, Call::Order(Order::Restore { name: name(), back: 1 })),
+            (
+                "RestoreBlade",
+                r#"{"name":"fern","back":3}"#,
+                Call::Order(Order::Restore { name: name(), back: 3 }),
+            ),
+            ("ListHistory", r#"{"name":"fern"}"#, Call::ListHistory { name: name() }),
         ] {
             assert_eq!(station(method, parameters), Ok(expected));
         }

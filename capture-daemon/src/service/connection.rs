@@ -1,17 +1,18 @@
 //! One client: its messages one after the other, each answered before the next is looked at.
 
 use std::io;
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::time::Duration;
 
-use common::protocol::MAX_MESSAGE_BYTES;
+use common::protocol::{MAX_MESSAGE_BYTES, StationError};
+use rustix::net::SendFlags;
 use serde_json::{Value, json};
 use tokio::io::Interest;
 use tokio::net::UnixStream;
 use zlink::connection::Socket;
 use zlink::connection::socket::{ReadHalf, WriteHalf};
 
-use super::call::Message;
+use super::call::{CallError, Message};
 use super::{Peer, Service};
 
 /// How long a client may take to take a reply.
@@ -55,7 +56,15 @@ async fn converse(
     let (read, mut write) = stream.split();
     let mut messages = Messages { read, bytes: Vec::new(), taken: 0 };
     loop {
-        let bytes = messages.next().await?;
+        let bytes = match messages.next().await {
+            Err(Hangup::TooLong) => {
+                let limit = MAX_MESSAGE_BYTES as i64;
+                // Whoever still writes does not see it; whoever is done does.
+                let _ = send(&mut write, &farewell(StationError::MessageTooLong { limit }), &[]).await;
+                return Err(Hangup::TooLong);
+            }
+            bytes => bytes?,
+        };
         let Message { call, oneway } = Message::parse(bytes).ok_or(Hangup::NotVarlink)?;
         let answer = match call {
             // A client that leaves while it waits for a library is noticed only by its hang-up.
@@ -72,11 +81,41 @@ async fn converse(
             Ok((parameters, descriptors)) => (reply(parameters), descriptors),
             Err(error) => (error.reply(), Vec::new()),
         };
-        let mut bytes = reply.to_string().into_bytes();
-        bytes.push(0);
-        let sent = tokio::time::timeout(SEND_DEADLINE, write.write(&bytes, &descriptors, None)).await;
-        sent.map_err(|_| Hangup::DoesNotRead)??;
+        send(&mut write, &message(&reply), &descriptors).await?;
     }
+}
+
+/// A reply as it is sent.
+fn message(reply: &Value) -> Vec<u8> {
+    let mut bytes = reply.to_string().into_bytes();
+    bytes.push(0);
+    bytes
+}
+
+/// The reply before a connection is closed.
+fn farewell(error: StationError) -> Vec<u8> {
+    message(&CallError::from(error).reply())
+}
+
+async fn send(write: &mut impl WriteHalf, bytes: &[u8], descriptors: &[OwnedFd]) -> Result<(), Hangup> {
+    let sent = tokio::time::timeout(SEND_DEADLINE, write.write(bytes, descriptors, None)).await;
+    Ok(sent.map_err(|_| Hangup::DoesNotRead)??)
+}
+
+/// Tells a client that there is no place for it: `limit` is what its user may have. `patience`: how long its
+/// question is waited for, since one that finds the connection closed when it asks does not look for an answer;
+/// none: it is told at once, as far as that takes no time.
+pub(super) async fn turn_away(stream: zlink::tokio::unix::Stream, limit: usize, patience: Option<Duration>) {
+    let told = farewell(StationError::TooManyConnections { limit: limit as i64 });
+    let Some(patience) = patience else {
+        // It may have left already.
+        let _ = rustix::net::send(stream.as_fd(), &told, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+        return;
+    };
+    let (mut read, mut write) = stream.split();
+    let mut asked = [0; 4096];
+    let _ = tokio::time::timeout(patience, read.read(&mut asked)).await;
+    let _ = tokio::time::timeout(patience, write.write(&told, &[] as &[OwnedFd], None)).await;
 }
 
 /// What is empty is left out: some readers take a reply of nothing for nothing else.

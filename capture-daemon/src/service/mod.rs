@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
 
 use common::protocol::{
-    DEFINITION, GetStatusReply, Library, ListBladesReply, ReloadReply, StationError, Status,
+    DEFINITION, GetStatusReply, Library, ListBladesReply, ListHistoryReply, ReloadReply, StationError, Status,
 };
 use serde_json::{Value, json};
 use std::os::fd::OwnedFd;
@@ -74,6 +74,8 @@ impl Service {
             store: holdings.trouble.clone().unwrap_or_else(|| "ok".to_owned()),
             waiting: holdings.waiting as i64,
             lost: holdings.lost.cast_signed() + self.status.borrow().lost,
+            captures: holdings.captures.cast_signed(),
+            repeats: holdings.repeats.cast_signed(),
             refused_files: holdings.refused.len() as i64,
             clients: self.clients.load(Ordering::Relaxed) as i64,
             ..self.status.borrow().clone()
@@ -113,6 +115,11 @@ impl Service {
                 let holdings = Arc::clone(&self.holdings.borrow());
                 let Holdings { blades, refused, .. } = holdings.as_ref();
                 reply(&ListBladesReply { blades: blades.clone(), refused: refused.clone() })?
+            }
+            Call::ListHistory { name } => {
+                let (asked, told) = oneshot::channel();
+                self.keeper.try_send(Job::History(name, asked)).map_err(|_| StationError::Busy)?;
+                reply(&ListHistoryReply { earlier: told.await.map_err(|_| StationError::Busy)? })?
             }
             Call::Order(order) => self.order(order).await?,
             Call::Capture => self.capture().await?,

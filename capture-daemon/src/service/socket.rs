@@ -20,10 +20,16 @@ use tokio::net::{UnixListener, UnixStream};
 use zlink::connection::socket::FetchPeerCredentials;
 
 use super::{Peer, Service, connection};
+use crate::recurring::Recurring;
 
 /// Room for replies that a client has not taken yet. Each of them may hold the memory of a preview, so that a
 /// client that asks and does not read must not have many.
 const SEND_BUFFER_BYTES: usize = 8 * 1024;
+
+/// How long a client for which there is no place may take to ask, before it is told so and closed.
+const FAREWELL: Duration = Duration::from_secs(1);
+/// Clients without a place that may take so long at once.
+const MAX_LEAVING: usize = 16;
 
 /// Why the socket cannot be listened on.
 #[derive(Debug, thiserror::Error)]
@@ -143,21 +149,43 @@ impl Socket {
     /// that is neither root nor our own at most half as many. Needs a `LocalSet`.
     pub(crate) async fn serve(&self, service: Service, limit: usize) {
         let counts = Rc::new(RefCell::new(HashMap::new()));
+        // Held by each that is told to go.
+        let leaving = Rc::new(());
+        let (mut turned_away, mut not_accepted) = (Recurring::default(), Recurring::default());
         loop {
             match self.listener.accept().await {
                 Ok((stream, _)) => match admit(stream, &service, &counts, limit).await {
-                    Ok((stream, peer, seat)) => {
+                    Ok(Admitted::Seated(stream, peer, seat)) => {
                         let service = service.clone();
                         tokio::task::spawn_local(async move {
                             connection::serve(stream, service, &peer).await;
                             drop(seat);
                         });
                     }
-                    Err(error) => tracing::warn!(%error, "a client was turned away"),
+                    Ok(Admitted::Full { stream, uid, limit }) => {
+                        if let Some(clients) = turned_away.count(1) {
+                            tracing::warn!(
+                                clients,
+                                uid,
+                                limit,
+                                "clients were turned away: there are too many"
+                            );
+                        }
+                        // Of a flood, most wait for nothing and take nothing.
+                        let patience = (Rc::strong_count(&leaving) <= MAX_LEAVING).then_some(FAREWELL);
+                        let leaves = Rc::clone(&leaving);
+                        tokio::task::spawn_local(async move {
+                            connection::turn_away(stream, limit, patience).await;
+                            drop(leaves);
+                        });
+                    }
+                    Err(error) => tracing::debug!(%error, "a client left at once"),
                 },
                 Err(error) => {
                     // Out of descriptors, as a rule: they come back as clients leave.
-                    tracing::warn!(%error, "a client could not be accepted");
+                    if let Some(times) = not_accepted.count(1) {
+                        tracing::warn!(%error, times, "a client could not be accepted; it is tried again");
+                    }
                     tokio::time::sleep(Duration::from_millis(100)).await;
                 }
             }
@@ -188,12 +216,15 @@ impl Drop for Seat {
     }
 }
 
-async fn admit(
-    stream: UnixStream,
-    service: &Service,
-    counts: &Counts,
-    limit: usize,
-) -> io::Result<(zlink::tokio::unix::Stream, Peer, Seat)> {
+/// A client that came.
+enum Admitted {
+    /// It has a place.
+    Seated(zlink::tokio::unix::Stream, Peer, Seat),
+    /// There is none: `limit` is what its user may have.
+    Full { stream: zlink::tokio::unix::Stream, uid: u32, limit: usize },
+}
+
+async fn admit(stream: UnixStream, service: &Service, counts: &Counts, limit: usize) -> io::Result<Admitted> {
     set_socket_send_buffer_size(&stream, SEND_BUFFER_BYTES)?;
     let plain = getsockopt(&stream, PeerCredentials)?;
     let stream = zlink::tokio::unix::Stream::try_from(stream).map_err(io::Error::other)?;
@@ -212,18 +243,14 @@ async fn admit(
     let all: usize = by_user.values().sum();
     let own = by_user.entry(peer.uid).or_default();
     if all >= limit || *own >= own_limit {
-        let reason = format!(
-            "{all} connections, {own} of them of user {}; service.max_connections is {limit}",
-            peer.uid
-        );
-        return Err(io::Error::other(reason));
+        return Ok(Admitted::Full { stream, uid: peer.uid, limit: own_limit });
     }
     *own += 1;
     service.clients.fetch_add(1, Ordering::Relaxed);
     let clients = Arc::clone(&service.clients);
     let seat = Seat { counts: Rc::clone(counts), uid: peer.uid, clients };
     drop(by_user);
-    Ok((stream, peer, seat))
+    Ok(Admitted::Seated(stream, peer, seat))
 }
 
 fn is_socket(path: &Path) -> bool {

@@ -3,7 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::file::{Signature, versions};
+use super::file::Signature;
+use super::shelf;
 
 /// The folder `archive/` of a state directory.
 #[derive(Debug)]
@@ -67,5 +68,5 @@ impl Archive {
 /// Every blade's file in an archive, in no order.
 pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
     let names = fs::read_dir(folder).into_iter().flatten().flatten();
-    names.flat_map(|name| versions(folder, &name.file_name().to_string_lossy())).collect()
+    names.flat_map(|name| shelf::files(folder, &name.file_name().to_string_lossy())).collect()
 }

@@ -1,4 +1,4 @@
-//! Files that are there whole or not at all, and shelves of numbered versions.
+//! Files that are there whole or not at all.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -8,8 +8,6 @@ use std::time::SystemTime;
 
 /// How the name of a blade's file ends.
 pub(crate) const SUFFIX: &str = ".toml";
-/// Versions that a shelf keeps of one name.
-const SHELF: usize = 16;
 /// A blade's file is no longer than this: 64 knots take less than a tenth of it.
 pub(crate) const MAX_BYTES: u64 = 256 * 1024;
 
@@ -108,6 +106,15 @@ pub(crate) fn shift(from: &Path, to: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// Moves a file within its folder, over one that may be there; on disk when this returns.
+///
+/// # Errors
+/// When the system refuses; then nothing has changed.
+pub(crate) fn supplant(from: &Path, to: &Path) -> io::Result<()> {
+    fs::rename(from, to)?;
+    to.parent().map_or(Ok(()), sync)
+}
+
 /// The text of a blade's file, which is no device or pipe and not too long.
 ///
 /// # Errors
@@ -128,73 +135,6 @@ pub(crate) fn text(path: &Path) -> Result<String, String> {
 /// The name of the blade in a file of this name; `None` for what is no blade's file.
 pub(crate) fn blade_name(file_name: &str) -> Option<&str> {
     file_name.strip_suffix(SUFFIX).filter(|name| !name.starts_with('.'))
-}
-
-/// The numbered versions in a shelf's folder for one name, the oldest first.
-pub(crate) fn versions(shelf: &Path, name: &str) -> Vec<PathBuf> {
-    let folder = shelf.join(name);
-    let mut numbers: Vec<u64> = fs::read_dir(&folder)
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| entry.ok()?.file_name().to_str()?.strip_suffix(SUFFIX)?.parse().ok())
-        .collect();
-    numbers.sort_unstable();
-    numbers.iter().map(|number| folder.join(numbered(*number))).collect()
-}
-
-fn numbered(number: u64) -> String {
-    format!("{number:06}{SUFFIX}")
-}
-
-/// Where the next version of `name` goes on a shelf; makes its folder.
-fn next_version(shelf: &Path, name: &str) -> io::Result<(PathBuf, String)> {
-    let folder = shelf.join(name);
-    if !folder.is_dir() {
-        fs::create_dir_all(&folder)?;
-        sync(shelf)?;
-    }
-    let newest = versions(shelf, name).pop();
-    let newest = newest.and_then(|path| path.file_stem()?.to_str()?.parse::<u64>().ok()).unwrap_or(0);
-    Ok((folder, numbered(newest + 1)))
-}
-
-/// Moves the file of `name` onto a shelf, as its newest version there. Gives its new path.
-///
-/// # Errors
-/// When the system refuses; then the file is where it was.
-pub(crate) fn shelve(shelf: &Path, name: &str, file: &Path) -> io::Result<PathBuf> {
-    let (folder, version) = next_version(shelf, name)?;
-    let to = folder.join(version);
-    shift(file, &to)?;
-    thin_out(shelf, name);
-    Ok(to)
-}
-
-/// Writes `text` onto a shelf, as the newest version of `name` there.
-///
-/// # Errors
-/// When the system refuses.
-pub(crate) fn shelve_text(shelf: &Path, name: &str, text: &str) -> io::Result<()> {
-    if versions(shelf, name)
-        .pop()
-        .is_some_and(|newest| fs::read(newest).is_ok_and(|is| is == text.as_bytes()))
-    {
-        return Ok(());
-    }
-    let (folder, version) = next_version(shelf, name)?;
-    write_atomically(&folder, &version, text.as_bytes())?;
-    thin_out(shelf, name);
-    Ok(())
-}
-
-/// Forgets the oldest versions beyond the number that a shelf keeps.
-fn thin_out(shelf: &Path, name: &str) {
-    let versions = versions(shelf, name);
-    for old in &versions[..versions.len().saturating_sub(SHELF)] {
-        if let Err(error) = fs::remove_file(old) {
-            tracing::debug!(path = %old.display(), %error, "an old version stays");
-        }
-    }
 }
 
 /// Makes a folder and puts it on disk.
@@ -221,19 +161,6 @@ mod tests {
         assert_eq!(fs::read(folder.path().join("a.toml")).expect("there"), b"two");
         assert_eq!(fs::read_dir(folder.path()).expect("there").count(), 1);
         assert!(write_atomically(&folder.path().join("lost"), "a.toml", b"three").is_err());
-    }
-
-    #[test]
-    fn a_shelf_keeps_the_newest_versions_in_order() {
-        let folder = tempfile::tempdir().expect("a folder");
-        for number in 0..SHELF + 3 {
-            shelve_text(folder.path(), "fern", &format!("{number}")).expect("room");
-        }
-        shelve_text(folder.path(), "fern", &format!("{}", SHELF + 2)).expect("room");
-        let kept: Vec<String> =
-            versions(folder.path(), "fern").iter().map(|path| text(path).expect("text")).collect();
-        let expected: Vec<String> = (3..SHELF + 3).map(|number| number.to_string()).collect();
-        assert_eq!(kept, expected, "the same text twice is one version");
     }
 
     #[test]

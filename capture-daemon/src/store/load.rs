@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 
-use super::file::{Signature, blade_name, text, versions};
+use super::file::{Signature, blade_name, text};
 use super::record::Record;
-use super::{Live, Refused, Store, StoreError};
+use super::{Live, Refused, Store, StoreError, shelf};
 
 /// What reading the folder again has changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,26 +78,20 @@ impl Store {
         Ok(())
     }
 
-    /// Which captured blades were removed, so that a looping recording does not bring them back.
+    /// Which captured blades were removed or replaced, so that a looping recording does not bring them back.
     fn remember_removed(&mut self) {
-        for entry in fs::read_dir(self.history()).into_iter().flatten().flatten() {
-            let Ok(name) = entry.file_name().into_string() else { continue };
-            if self.path(&name).exists() {
-                continue;
-            }
-            if let Some(live) = self.last_good(&name) {
-                self.removed.insert(live.record.blade.id());
-            }
-        }
+        let history = self.history();
+        let names = fs::read_dir(&history).into_iter().flatten().flatten();
+        let names = names.filter_map(|entry| entry.file_name().into_string().ok());
+        self.removed = names.flat_map(|name| shelf::ids(&history, &name)).collect();
     }
 
-    /// The newest blade in the history of a name.
+    /// The newest blade in the history of a name; none where that has another name now.
     fn last_good(&self, name: &str) -> Option<Live> {
-        versions(&self.history(), name).into_iter().rev().find_map(|path| {
-            let modified = Signature::of(&path).ok()?.modified_unix_ns();
-            let record = Record::parse(name, &text(&path).ok()?, modified).ok()?;
-            (!self.ids.contains_key(&record.blade.id())).then_some(Live { record, seen: None })
-        })
+        let history = self.history();
+        let mut versions = shelf::versions(&history, name).take_while(|it| it.renamed_to.is_none());
+        let free = versions.find(|version| !self.ids.contains_key(&version.record.blade.id()))?;
+        Some(Live { record: free.record, seen: None })
     }
 
     fn names_on_disk(&self) -> io::Result<Vec<String>> {
@@ -138,7 +132,9 @@ impl Store {
     fn put(&mut self, name: &str, live: Live) {
         if let Some(before) = self.live.get(name) {
             self.ids.remove(&before.record.blade.id());
+            self.removed.insert(before.record.blade.id());
         }
+        self.removed.remove(&live.record.blade.id());
         self.next_sequence =
             self.next_sequence.max(live.record.sequence.map_or(0, |own| own.saturating_add(1)));
         self.ids.insert(live.record.blade.id(), name.to_owned());
@@ -205,7 +201,6 @@ impl Store {
                     }
                     tracing::info!(name, "a blade's file goes live");
                 }
-                self.removed.remove(&live.record.blade.id());
                 self.insert(name, live);
             }
             Err(refused) => {
@@ -227,7 +222,7 @@ impl Store {
     /// the archive.
     fn make_way(&mut self, name: &str, new: &Live) -> Result<(), Refused> {
         match self.live.get(name) {
-            Some(before) if before.record.blade.knots() != new.record.blade.knots() => {
+            Some(before) if !before.record.is_like(&new.record) => {
                 if let Err(error) = self.remember(name) {
                     tracing::warn!(%error, "what a file replaces is not in its history");
                 }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! <directory>/blades/NAME.toml            what the library holds
-//!             history/NAME/000001.toml    earlier blades of a name, and removed ones
+//!             history/NAME/000001.toml    earlier blades of a name: replaced, weighted otherwise, renamed, removed
 //!             archive/NAME/000001.toml    what had to go when the library was full, up to `store.archive_max`
 //!             generation                  above every generation that was announced
 //! ```
@@ -19,6 +19,7 @@ pub(crate) mod generation;
 mod load;
 mod orders;
 pub mod record;
+pub(crate) mod shelf;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io;
@@ -30,7 +31,7 @@ use common::blade::{Blade, BladeId};
 use common::library::layout::MAX_BLADES;
 
 use archive::Archive;
-use file::{SUFFIX, Signature, make_folder, shelve, write_atomically};
+use file::{SUFFIX, Signature, make_folder, write_atomically};
 use generation::Generation;
 use record::Record;
 
@@ -116,7 +117,7 @@ pub(crate) enum StoreError {
 pub(crate) enum Kept {
     /// It is on disk and in the library.
     New,
-    /// It was there before, or someone has removed it: a looping recording shows it again.
+    /// It was there before, or someone has removed or replaced it: a looping recording shows it again.
     Known,
 }
 
@@ -131,7 +132,7 @@ pub(crate) struct Store {
     live: BTreeMap<String, Live>,
     refused: BTreeMap<String, Refused>,
     ids: HashMap<BladeId, String>,
-    /// Blades that someone removed.
+    /// Blades that someone removed or replaced.
     removed: HashSet<BladeId>,
     generation: Generation,
     next_sequence: u64,
@@ -298,6 +299,11 @@ impl Store {
         self.live.is_empty()
     }
 
+    /// Every blade that [`Self::keep`] takes for known.
+    pub(crate) fn known(&self) -> impl Iterator<Item = BladeId> {
+        self.ids.keys().chain(&self.removed).copied()
+    }
+
     /// Puts a captured blade on disk and into the library; the oldest blade that is not pinned makes
     /// room for it.
     ///
@@ -355,7 +361,7 @@ impl Store {
 
     fn archive_blade(&mut self, name: &str) -> Result<(), StoreError> {
         let path = self.path(name);
-        let to = shelve(self.archive.folder(), name, &path).map_err(|source| disk(&path, source))?;
+        let to = shelf::shelve(self.archive.folder(), name, &path).map_err(|source| disk(&path, source))?;
         tracing::warn!(name, to = %to.display(), "the library is full: its oldest blade goes to the archive");
         self.forget(name);
         self.archive.note();

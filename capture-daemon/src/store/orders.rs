@@ -4,10 +4,9 @@ use std::io;
 
 use common::blade::MAX_MIX;
 
-use super::file::{
-    SUFFIX, Signature, make_folder, shelve, shelve_text, shift, text, versions, write_as_of, write_atomically,
-};
+use super::file::{SUFFIX, Signature, make_folder, shift, supplant, text, write_as_of, write_atomically};
 use super::record::{Record, check_name};
+use super::shelf::{self, Version, shelve, shelve_text};
 use super::{Live, Store, StoreError, disk};
 
 impl Store {
@@ -67,7 +66,7 @@ impl Store {
         Err(StoreError::Refused { reason })
     }
 
-    /// Gives a blade another name, which no other has.
+    /// Gives a blade another name, which no other has. [`Self::restore`] of the old name undoes it.
     ///
     /// # Errors
     /// When there is no such blade, the new name is none or taken, or the disk refuses.
@@ -77,6 +76,7 @@ impl Store {
         if self.is_taken(to) {
             return Err(StoreError::Taken(to.to_owned()));
         }
+        self.shelve_live(name, Some(to))?;
         let from = self.path(name);
         shift(&from, &self.path(to)).map_err(|source| match source.kind() {
             io::ErrorKind::AlreadyExists => StoreError::Taken(to.to_owned()),
@@ -86,7 +86,8 @@ impl Store {
         self.take_up(to)
     }
 
-    /// Sets how often a blade stands in the meadow. All else in its file stays as it is, comments too.
+    /// Sets how often a blade stands in the meadow. All else in its file stays as it is, comments too; with the
+    /// weight that it had, it goes to the history.
     ///
     /// # Errors
     /// When there is no such blade, the weight is out of its range, or the disk refuses.
@@ -115,6 +116,9 @@ impl Store {
         let modified = Signature::of(&path).map_or(0, |seen| seen.modified_unix_ns());
         Record::parse(name, &text, modified)
             .map_err(|error| StoreError::Refused { reason: error.to_string() })?;
+        if self.live.get(name).is_some_and(|live| live.record.blade.mix() != weight) {
+            self.remember(name)?;
+        }
         // The time of its last change stands for that of its capture, where it does not give that.
         let modified = std::fs::metadata(&path).and_then(|metadata| metadata.modified()).ok();
         write_as_of(&self.blades_folder(), &format!("{name}{SUFFIX}"), text.as_bytes(), modified)
@@ -152,34 +156,44 @@ impl Store {
             std::fs::remove_file(&path).map_err(|source| disk(&path, source))?;
             return Err(error);
         }
-        self.forget(name);
-        self.removed.remove(&id);
-        self.take_up(name)
+        self.replace(name)
     }
 
-    /// Goes back to the blade that had this name before: the one that was removed, else the one that
-    /// was replaced (and again to that one, with the next call), else the one in the archive.
+    /// What a name can go back to, the newest first: what was replaced, had another weight, was renamed or
+    /// removed, then what went to the archive.
+    pub(crate) fn earlier(&self, name: &str) -> Vec<Version> {
+        if check_name(name).is_err() {
+            return Vec::new();
+        }
+        let live = self.live.get(name).map(|live| &live.record);
+        let shelves = [self.history(), self.archive.folder().to_path_buf()];
+        let all = shelves.iter().flat_map(|shelf| shelf::versions(shelf, name));
+        all.filter(|version| !live.is_some_and(|live| live.is_like(&version.record))).collect()
+    }
+
+    /// Whether a version that [`Self::earlier`] gave comes from the archive.
+    pub(crate) fn is_archived(&self, version: &Version) -> bool {
+        version.path.starts_with(self.archive.folder())
+    }
+
+    /// Goes back to an earlier blade of this name, `back` of them: 1 is the newest that [`Self::earlier`] gives.
+    /// What has the name now takes its place in the history, so that the next call with 1 goes forth again. A
+    /// blade that has another name now gets this one back, as it is now.
     ///
     /// # Errors
-    /// When there is none, another blade has its id, or the disk refuses.
-    pub(crate) fn restore(&mut self, name: &str) -> Result<(), StoreError> {
+    /// When there is none, or the disk refuses.
+    pub(crate) fn restore(&mut self, name: &str, back: usize) -> Result<(), StoreError> {
         check_name(name).map_err(StoreError::Name)?;
-        let is_live = self.live.contains_key(name);
-        let earlier = [self.history(), self.archive.folder().to_path_buf()].into_iter().find_map(|shelf| {
-            versions(&shelf, name).into_iter().rev().find_map(|path| {
-                let text = text(&path).ok()?;
-                let modified = Signature::of(&path).ok()?.modified_unix_ns();
-                let record = Record::parse(name, &text, modified).ok()?;
-                let same = self.live.get(name).is_some_and(|live| live.record == record);
-                (!same).then_some((path, text, record))
-            })
-        });
-        let (shelved, text, record) = earlier.ok_or_else(|| StoreError::NoHistory(name.to_owned()))?;
-        let id = record.blade.id();
-        if let Some(other) = self.ids.get(&id).filter(|other| *other != name) {
-            return Err(StoreError::Taken(other.clone()));
+        let version = back.checked_sub(1).and_then(|index| self.earlier(name).into_iter().nth(index));
+        let version = version.ok_or_else(|| StoreError::NoHistory(name.to_owned()))?;
+        if let Some(holder) = self.holder(name, &version) {
+            self.call_back(&holder, name)?;
+            if version.renamed_to.is_some() {
+                let _ = std::fs::remove_file(&version.path);
+                return Ok(());
+            }
         }
-        if is_live {
+        if self.live.contains_key(name) {
             self.remember(name)?;
         } else if let Some(oldest) = self.surplus_after(1)? {
             self.archive_blade(&oldest)?;
@@ -188,21 +202,69 @@ impl Store {
             self.discard_refused(name)?;
         }
         let path = self.path(name);
-        write_atomically(&self.blades_folder(), &format!("{name}{SUFFIX}"), text.as_bytes())
+        let file = format!("{name}{SUFFIX}");
+        write_as_of(&self.blades_folder(), &file, version.text.as_bytes(), Some(version.modified()))
             .map_err(|source| disk(&path, source))?;
         // It is live; a copy that stays on the shelf would do no harm.
-        let _ = std::fs::remove_file(&shelved);
+        let _ = std::fs::remove_file(&version.path);
+        self.replace(name)
+    }
+
+    /// Reads the file of `name`, which this store has just written over what has the name.
+    fn replace(&mut self, name: &str) -> Result<(), StoreError> {
+        if let Some(before) = self.live.get(name) {
+            self.removed.insert(before.record.blade.id());
+        }
         self.forget(name);
-        self.removed.remove(&id);
         self.take_up(name)
+    }
+
+    /// The other name that the blade of a version has now: by its id or, where that is made of its name, by the
+    /// names that it was given one after the other.
+    fn holder(&self, name: &str, version: &Version) -> Option<String> {
+        let of_id = self.ids.get(&version.record.blade.id()).filter(|other| *other != name);
+        if let Some(other) = of_id {
+            return Some(other.clone());
+        }
+        let mut now = version.renamed_to.clone()?;
+        let mut seen = vec![name.to_owned()];
+        while !self.live.contains_key(&now) {
+            seen.push(now.clone());
+            let next = shelf::versions(&self.history(), &now).next()?.renamed_to?;
+            now = if seen.contains(&next) { return None } else { next };
+        }
+        let is_same = self.live.get(&now)?.record.blade.knots() == version.record.blade.knots();
+        (now != name && is_same).then_some(now)
+    }
+
+    /// Gives a live blade a name that it had before. One that has it now goes to the history.
+    fn call_back(&mut self, holder: &str, name: &str) -> Result<(), StoreError> {
+        self.settled(holder)?;
+        if self.live.contains_key(name) {
+            self.remember(name)?;
+        }
+        if self.refused.contains_key(name) {
+            self.discard_refused(name)?;
+        }
+        self.shelve_live(holder, Some(name))?;
+        let from = self.path(holder);
+        supplant(&from, &self.path(name)).map_err(|source| disk(&from, source))?;
+        self.forget(holder);
+        self.replace(name)
     }
 
     /// Puts the live blade of `name` into its history.
     pub(super) fn remember(&self, name: &str) -> Result<(), StoreError> {
+        self.shelve_live(name, None)
+    }
+
+    /// The same, with the name that it is to get instead.
+    fn shelve_live(&self, name: &str, renamed_to: Option<&str>) -> Result<(), StoreError> {
         let Some(live) = self.live.get(name) else { return Ok(()) };
         let path = self.path(name);
         let own = if self.is_as_read(name) { text(&path).ok() } else { None };
+        let modified = own.as_ref().and_then(|_| std::fs::metadata(&path).ok()?.modified().ok());
         let text = own.unwrap_or_else(|| live.record.to_toml());
-        shelve_text(&self.history(), name, &text).map_err(|source| disk(&path, source))
+        shelve_text(&self.history(), name, &text, modified, renamed_to).map_err(|source| disk(&path, source))
     }
 }

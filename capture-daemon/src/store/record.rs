@@ -18,6 +18,8 @@ use glam::Vec3;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::mistake;
+
 /// The format that is written, and the only one that is read.
 pub const FORMAT: i64 = 1;
 /// How far a written `across` may be from unit length; it is made exact when it is read.
@@ -105,6 +107,35 @@ fn is_invisible(c: char) -> bool {
     matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{61c}' | '\u{feff}')
 }
 
+/// A file with every key that there is.
+const EXAMPLE: &str = r#"format = 1
+id = "0123456789abcdef0123456789abcdef"
+sequence = 1
+pinned = false
+mix = 1.0
+length_m = 0.2
+max_width_m = 0.008
+quality = 1.0
+captured_unix_ns = 1700000000000000000
+knots = [
+  { position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004], across = [1.0, 0.0, 0.0] },
+  { position_m = [0.0, 0.2, 0.0], half_width_m = [0.0, 0.0], across = [1.0, 0.0, 0.0] },
+]
+
+[measured]
+pixels_across = 8.0
+hausdorff_m = 0.0001
+length_error_m = 0.001
+width_error_m = 0.0001
+
+[provenance]
+source = "fern.svg"
+frame = 31
+frames = 15
+index = 0
+config = "0123456789abcdef"
+"#;
+
 #[derive(Deserialize)]
 struct Version {
     format: Spanned<i64>,
@@ -160,9 +191,7 @@ impl Record {
             RecordError { line, column, reason }
         };
         let toml = |error: toml::de::Error| {
-            let message = error.message().replace('\n', ", ").replace("unknown field", "unknown key");
-            let message = message.replace("missing field", "missing key");
-            at(error.span().unwrap_or_default(), message)
+            at(error.span().unwrap_or_default(), mistake::reason(&error, text, EXAMPLE))
         };
         check_name(name).map_err(|reason| at(0..0, reason))?;
         let version: Version = toml::from_str(text).map_err(toml)?;
@@ -281,6 +310,15 @@ impl Record {
         text
     }
 
+    /// Whether it is the same blade to whoever looks at it: shape, size, weight, quality and whether it is pinned.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let seen = |record: &Self| {
+            let blade = &record.blade;
+            ([blade.length_m(), blade.max_width_m(), blade.mix(), blade.quality()], record.pinned)
+        };
+        self.blade.knots() == other.blade.knots() && seen(self) == seen(other)
+    }
+
     /// What the library's order goes by: captures in their order, then what was made by hand.
     pub(crate) fn order(&self) -> (u64, u64, &str) {
         let blade = &self.blade;
@@ -313,7 +351,8 @@ fn number(value: f32) -> String {
     if same { short } else { format!("{:?}", f64::from(value)) }
 }
 
-fn parse_id(text: &str) -> Option<BladeId> {
+/// An id as a file has it.
+pub(super) fn parse_id(text: &str) -> Option<BladeId> {
     if text.len() != 32 || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
         return None;
     }

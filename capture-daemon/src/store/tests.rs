@@ -136,7 +136,7 @@ fn a_broken_file_that_is_removed_takes_the_blade_with_it() {
     fs::remove_file(store.blades_folder().join("fern.toml")).expect("it is there");
     assert_eq!(rescan(&mut store), (true, true));
     assert!(store.is_empty() && store.refused().is_empty());
-    store.restore("fern").expect("the last good one is in the history");
+    store.restore("fern", 1).expect("the last good one is in the history");
     assert_eq!(names(&store), ["fern"]);
 }
 
@@ -167,12 +167,116 @@ fn a_swap_can_be_undone_and_done_again() {
     rescan(&mut store);
     let length = |store: &Store| store.blades()[0].length_m();
     for expected in [0.2, 0.3, 0.2] {
-        store.restore("fern").expect("there is an earlier one");
+        store.restore("fern", 1).expect("there is an earlier one");
         assert_eq!(length(&store), expected);
         assert_eq!(rescan(&mut store), (false, false));
     }
     drop(store);
     assert_eq!(length(&open(&folder)), 0.2);
+}
+
+/// Length and weight of what a name can go back to, the newest first, and the name that it got.
+fn earlier(store: &Store, name: &str) -> Vec<(f32, f32, Option<String>)> {
+    let all = store.earlier(name).into_iter();
+    all.map(|it| (it.record.blade.length_m(), it.record.blade.mix(), it.renamed_to)).collect()
+}
+
+#[test]
+fn a_weight_can_be_undone_and_a_version_brings_its_own() {
+    let folder = folder();
+    let mut store = open(&folder);
+    drop_file(&store, "fern", DROPPED);
+    rescan(&mut store);
+    let captured = store.blades()[0].captured_unix_ns();
+    store.set_mix("fern", 2.0).expect("valid");
+    store.set_mix("fern", 2.0).expect("valid");
+    assert_eq!(earlier(&store, "fern"), [(0.2, 0.5, None)], "the same weight is nothing new");
+    drop_file(&store, "fern", &DROPPED.replace("0.2", "0.3").replace("mix = 0.5", "mix = 3"));
+    rescan(&mut store);
+    drop_file(&store, "fern", &DROPPED.replace("0.2", "0.3").replace("mix = 0.5", "mix = 4"));
+    rescan(&mut store);
+    assert_eq!(earlier(&store, "fern"), [(0.3, 3.0, None), (0.2, 2.0, None), (0.2, 0.5, None)]);
+    assert!(matches!(store.restore("fern", 4), Err(StoreError::NoHistory(_))));
+    assert!(matches!(store.restore("fern", 0), Err(StoreError::NoHistory(_))));
+
+    store.restore("fern", 3).expect("it is there");
+    let fern = |store: &Store| (store.blades()[0].length_m(), store.blades()[0].mix());
+    assert_eq!((fern(&store), store.blades()[0].captured_unix_ns()), ((0.2, 0.5), captured));
+    assert_eq!(rescan(&mut store), (false, false));
+    store.restore("fern", 1).expect("what it was before that");
+    assert_eq!(fern(&store), (0.3, 4.0));
+    drop(store);
+    assert_eq!(earlier(&open(&folder), "fern").len(), 3);
+}
+
+#[test]
+fn a_renaming_is_undone_by_the_old_name_and_done_again_by_the_new_one() {
+    let folder = folder();
+    let mut store = open(&folder);
+    store.keep(&captured(1)).expect("room");
+    drop_file(&store, "fern", DROPPED);
+    rescan(&mut store);
+    let blade = captured(1).blade.name().to_owned();
+    // One has an id of its own, the other one that is made of its name.
+    for name in [blade.as_str(), "fern"] {
+        store.rename(name, "moss").expect("free");
+        store.set_mix("moss", 7.0).expect("valid");
+        drop(store);
+        store = open(&folder);
+        assert_eq!(earlier(&store, name).pop().and_then(|it| it.2).as_deref(), Some("moss"));
+        assert_eq!(store.keep(&captured(1)).expect("room"), Kept::Known);
+        store.restore(name, 1).expect("it is undone");
+        assert!(!names(&store).contains(&"moss".to_owned()) && names(&store).len() == 2);
+        let back = store.blades().into_iter().find(|it| it.name() == name).expect("it is there");
+        assert_eq!(back.mix(), 7.0, "as it is now");
+        store.restore("moss", 1).expect("it is done again");
+        assert!(!names(&store).contains(&name.to_owned()) && names(&store).len() == 2);
+        assert_eq!(rescan(&mut store), (false, false));
+        store.remove("moss").expect("it is there");
+        store.restore("moss", 1).expect("it was removed");
+        store.rename("moss", &format!("{name}-2")).expect("free");
+        assert!(store.refused().is_empty());
+    }
+}
+
+#[test]
+fn a_renaming_is_undone_over_many_names_and_over_one_that_has_the_name_now() {
+    let folder = folder();
+    let mut store = open(&folder);
+    drop_file(&store, "fern", DROPPED);
+    rescan(&mut store);
+    store.rename("fern", "moss").expect("free");
+    store.rename("moss", "lichen").expect("free");
+    let taller = DROPPED.replace("0.2", "0.3");
+    store.put_text("fern", &taller).expect("room");
+    store.restore("fern", 1).expect("the one that is lichen now");
+    assert_eq!(names(&store), ["fern"]);
+    assert_eq!(store.blades()[0].length_m(), 0.2);
+    store.restore("fern", 1).expect("the one that had the name meanwhile");
+    assert_eq!((names(&store).len(), store.blades()[0].length_m()), (1, 0.3));
+
+    // Where what was renamed has become another or is gone, it comes back as it was.
+    store.rename("fern", "moss").expect("free");
+    store.put_text("moss", &DROPPED.replace("0.2", "0.4")).expect("room");
+    store.restore("fern", 1).expect("as it was");
+    let lengths = |store: &Store| store.blades().iter().map(|it| it.length_m()).collect::<Vec<_>>();
+    assert_eq!(lengths(&store).len(), 2);
+    assert!(lengths(&store).contains(&0.3) && lengths(&store).contains(&0.4));
+}
+
+#[test]
+fn what_was_replaced_is_not_brought_back_by_a_loop() {
+    let folder = folder();
+    let mut store = open(&folder);
+    store.keep(&captured(1)).expect("room");
+    let name = captured(1).blade.name().to_owned();
+    store.put_text(&name, DROPPED).expect("room");
+    assert_eq!(store.keep(&captured(1)).expect("room"), Kept::Known);
+    drop(store);
+    let mut store = open(&folder);
+    assert_eq!(store.keep(&captured(1)).expect("room"), Kept::Known, "nor after a restart");
+    store.restore(&name, 1).expect("it is in the history");
+    assert_eq!(store.blades()[0].id(), captured(1).blade.id());
 }
 
 #[test]
@@ -187,10 +291,10 @@ fn what_was_removed_stays_so_until_it_is_restored() {
     drop(store);
     let mut store = open(&folder);
     assert_eq!(store.keep(&captured(1)).expect("room"), Kept::Known, "a loop does not bring it back");
-    store.restore(&name).expect("it is in the history");
+    store.restore(&name, 1).expect("it is in the history");
     assert_eq!(names(&store), std::slice::from_ref(&name));
-    assert!(matches!(store.restore(&name), Err(StoreError::NoHistory(_))));
-    assert!(matches!(store.restore("moss"), Err(StoreError::NoHistory(_))));
+    assert!(matches!(store.restore(&name, 1), Err(StoreError::NoHistory(_))));
+    assert!(matches!(store.restore("moss", 1), Err(StoreError::NoHistory(_))));
 }
 
 #[test]
@@ -251,7 +355,7 @@ fn the_oldest_that_is_not_pinned_goes_to_the_archive() {
     assert_eq!(names(&store), [&expected[..], &["fern".to_owned()]].concat());
     assert!(store.archive.folder().join(captured(2).blade.name()).join("000001.toml").exists());
 
-    store.restore(captured(3).blade.name()).expect("it is in the archive");
+    store.restore(captured(3).blade.name(), 1).expect("it is in the archive");
     assert_eq!(names(&store).len(), 4);
     for name in names(&store) {
         let text = fs::read_to_string(store.path(&name)).expect("text");
@@ -343,7 +447,7 @@ fn a_blade_that_is_put_there_replaces_its_name_or_makes_room_once_it_is_on_disk(
         fern.expect("there").max_width_m()
     };
     assert_eq!(width(&store), 0.014);
-    store.restore("fern").expect("the one before");
+    store.restore("fern", 1).expect("the one before");
     assert_eq!(width(&store), 0.008);
 }
 
@@ -370,10 +474,10 @@ fn the_archive_holds_so_many_and_the_oldest_go() {
     }
     assert_eq!(archived(&store), of(&[2, 3]), "two of the three that had to go");
     let first = captured(1).blade.name().to_owned();
-    assert!(matches!(store.restore(&first), Err(StoreError::NoHistory(_))), "it is gone for good");
+    assert!(matches!(store.restore(&first, 1), Err(StoreError::NoHistory(_))), "it is gone for good");
     assert!(!store.archive.folder().join(&first).exists(), "and its folder with it");
     // What is restored leaves room.
-    store.restore(captured(2).blade.name()).expect("it is in the archive");
+    store.restore(captured(2).blade.name(), 1).expect("it is in the archive");
     assert_eq!(archived(&store), of(&[3, 4]));
 
     // A limit that was lowered holds from the next start on.
@@ -422,6 +526,6 @@ fn a_clock_that_steps_back_changes_neither_the_order_nor_who_goes_first() {
     assert_eq!(store.keep(&captured(1)).expect("room"), Kept::Known);
     store.keep(&captured(3)).expect("room");
     assert!(!names(&store).contains(&expected[0]) && names(&store).contains(&expected[1]));
-    store.restore(captured(2100).blade.name()).expect("it is in the archive, with its time ahead");
+    store.restore(captured(2100).blade.name(), 1).expect("it is in the archive, with its time ahead");
     assert_eq!(names(&store).len(), 4);
 }

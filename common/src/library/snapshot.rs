@@ -5,22 +5,22 @@ use super::layout::{
     self, HEADER_BYTES, KNOT_BYTES, MAGIC, MAX_BLADES, RECORD_BYTES, VERSION, header, record,
 };
 use crate::blade::{BladeId, Kind, Knot, KnotError, MAX_NAME_BYTES, check_knots};
+use crate::head::{Head, HeadError, array, u32_at, u64_at};
+
+/// How it begins.
+const HEAD: Head = Head {
+    of: "a snapshot",
+    magic: MAGIC,
+    version: (header::VERSION, VERSION),
+    size: (header::HEADER_SIZE, HEADER_BYTES),
+};
 
 /// Why some bytes are not a snapshot.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SnapshotError {
-    /// Shorter than the header.
-    #[error("{0} bytes; a snapshot has at least {HEADER_BYTES}")]
-    TooShort(usize),
-    /// The first bytes are not the magic.
-    #[error("the first 8 bytes are {0:02x?}, expected \"SWARDLIB\"")]
-    Magic([u8; 8]),
-    /// A layout version of another time.
-    #[error("layout version {0}, expected {VERSION}")]
-    Version(u32),
-    /// The header size is not 64.
-    #[error("header size {0}, expected {HEADER_BYTES}")]
-    HeaderSize(u32),
+    /// It does not begin as it should.
+    #[error(transparent)]
+    Head(#[from] HeadError),
     /// Too many blades.
     #[error("{0} blades; a library holds at most {MAX_BLADES}")]
     TooManyBlades(u32),
@@ -113,21 +113,7 @@ impl<B: AsRef<[u8]>> Snapshot<B> {
     /// The first thing that is wrong.
     pub fn validate(bytes: B) -> Result<Self, SnapshotError> {
         let all = bytes.as_ref();
-        if all.len() < HEADER_BYTES {
-            return Err(SnapshotError::TooShort(all.len()));
-        }
-        let magic = array(all, header::MAGIC);
-        if magic != MAGIC {
-            return Err(SnapshotError::Magic(magic));
-        }
-        let version = u32_at(all, header::VERSION);
-        if version != VERSION {
-            return Err(SnapshotError::Version(version));
-        }
-        let header_size = u32_at(all, header::HEADER_SIZE);
-        if header_size as usize != HEADER_BYTES {
-            return Err(SnapshotError::HeaderSize(header_size));
-        }
+        HEAD.check(all)?;
         let (blades, knots) = (u32_at(all, header::BLADES), u32_at(all, header::KNOTS));
         if blades as usize > MAX_BLADES {
             return Err(SnapshotError::TooManyBlades(blades));
@@ -295,16 +281,4 @@ impl<'a> BladeView<'a> {
     fn f32(&self, at: usize) -> f32 {
         f32::from_le_bytes(array(self.record, at))
     }
-}
-
-fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
-    bytes[at..at + N].try_into().expect("a slice of N bytes")
-}
-
-fn u32_at(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes(array(bytes, at))
-}
-
-fn u64_at(bytes: &[u8], at: usize) -> u64 {
-    u64::from_le_bytes(array(bytes, at))
 }

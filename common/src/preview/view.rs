@@ -6,22 +6,22 @@ use super::layout::{
     MAX_WORDS_BYTES, POINT_BYTES, POLYLINE_BYTES, Point, PolylineKind, SEEN, Sections, State, VERSION,
     header, polyline,
 };
+use crate::head::{Head, HeadError, array, f32_at, u32_at, u64_at};
+
+/// How it begins.
+const HEAD: Head = Head {
+    of: "a preview",
+    magic: MAGIC,
+    version: (header::VERSION, VERSION),
+    size: (header::HEADER_SIZE, HEADER_BYTES),
+};
 
 /// Why some bytes are not a preview.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PreviewError {
-    /// Shorter than the header.
-    #[error("{0} bytes; a preview has at least {HEADER_BYTES}")]
-    TooShort(usize),
-    /// The first bytes are not the magic.
-    #[error("the first 8 bytes are {0:02x?}, expected \"SWARDPRV\"")]
-    Magic([u8; 8]),
-    /// A layout version of another time.
-    #[error("layout version {0}, expected {VERSION}")]
-    Version(u32),
-    /// The header size is not 160.
-    #[error("header size {0}, expected {HEADER_BYTES}")]
-    HeaderSize(u32),
+    /// It does not begin as it should.
+    #[error(transparent)]
+    Head(#[from] HeadError),
     /// The image is too large, or has no columns or no rows, but not both.
     #[error("{width}×{height} pixels; expected none at all, or at most {MAX_PIXELS}")]
     Image {
@@ -107,21 +107,7 @@ impl<B: AsRef<[u8]>> Preview<B> {
     /// The first thing that is wrong.
     pub fn validate(bytes: B) -> Result<Self, PreviewError> {
         let all = bytes.as_ref();
-        if all.len() < HEADER_BYTES {
-            return Err(PreviewError::TooShort(all.len()));
-        }
-        let magic = array(all, header::MAGIC);
-        if magic != MAGIC {
-            return Err(PreviewError::Magic(magic));
-        }
-        let version = u32_at(all, header::VERSION);
-        if version != VERSION {
-            return Err(PreviewError::Version(version));
-        }
-        let header_size = u32_at(all, header::HEADER_SIZE);
-        if header_size as usize != HEADER_BYTES {
-            return Err(PreviewError::HeaderSize(header_size));
-        }
+        HEAD.check(all)?;
         let sections = sections(all)?;
         let header = read_header(all)?;
         let preview = Self { header, sections, bytes };
@@ -338,20 +324,4 @@ fn used(field: &[u8]) -> usize {
 fn point(bytes: &[u8]) -> Point {
     let [x, y, half_width_left, half_width_right] = [0, 4, 8, 12].map(|at| f32_at(bytes, at));
     Point { x, y, half_width_left, half_width_right }
-}
-
-fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
-    bytes[at..at + N].try_into().expect("a slice of N bytes")
-}
-
-fn u32_at(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes(array(bytes, at))
-}
-
-fn u64_at(bytes: &[u8], at: usize) -> u64 {
-    u64::from_le_bytes(array(bytes, at))
-}
-
-fn f32_at(bytes: &[u8], at: usize) -> f32 {
-    f32::from_le_bytes(array(bytes, at))
 }

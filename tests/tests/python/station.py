@@ -118,7 +118,12 @@ def main():
         assert [(blade["name"], blade["mix"]) for blade in blades] == [("moss", 2.5)], blades
         call("RemoveBlade", name="moss")
         assert call("ListBlades")["blades"] == []
-        call("RestoreBlade", name="moss")
+        earlier = call("ListHistory", name="fern")["earlier"]
+        assert [(it["renamed_to"] or None, it["blade"]["mix"]) for it in earlier] == [("moss", 2.5), (None, 1)], earlier
+        assert [it["back"] for it in earlier] == [1, 2], earlier
+        refused("io.sward.Station.NothingToRestore", station.RestoreBlade, name="moss", back=9)
+        refused("org.varlink.service.InvalidParameter", station.RestoreBlade, name="moss", back=0)
+        call("RestoreBlade", name="moss", back=1)
         assert call("GetLibrary", after=library["generation"])["generation"] > library["generation"]
         text = "format = 1\nknots = [\n"
         for y in (0.0, 0.1, 0.2):

@@ -103,8 +103,16 @@ fn a_mistake_has_its_line_column_and_reason() {
         ("0.002] },", "0.002], across = [0.5, 0.0, 0.0] },", "3:3: knot 0: `across` has length 0.5"),
         ("format = 1", "format = 1\nmix = -1.0", "2:7: mix is -1; expected 0 to 1000000"),
         ("format = 1", "format = 1\nid = \"fern\"", "2:6: `id` is not 32 hexadecimal digits"),
-        ("half_width_m = [0.0, 0.0]", "half_width_m = [0.0]", "4:50: "),
-        ("half_width_m = [0.0, 0.0]", "half_width_m = 7", "4:50: invalid type"),
+        (
+            "half_width_m = [0.0, 0.0]",
+            "half_width_m = [0.0]",
+            "4:50: `knots[1].half_width_m` is a list of 1, expected a list of 2 numbers",
+        ),
+        (
+            "half_width_m = [0.0, 0.0]",
+            "half_width_m = 7",
+            "4:50: `knots[1].half_width_m` is the whole number 7, expected a list of 2 numbers",
+        ),
         ("knots = [", "knots == [", "2:8: "),
     ] {
         let error = broken(from, to);
