@@ -197,7 +197,7 @@ pub enum BladesVerb {
         /// Name that the blade had
         name: String,
         /// How many blades to go back, 1 to 100, as `show` counts them
-        #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(i64).range(1..=100))]
+        #[arg(long, value_name = "N", default_value_t = 1, value_parser = back)]
         back: i64,
         /// Which station.
         #[command(flatten)]
@@ -247,7 +247,7 @@ pub enum BladesVerb {
         /// Name of the blade
         name: String,
         /// Weight of the blade, times that of the others, 0 to 1000000; all have 1 at first
-        #[arg(allow_negative_numbers = true)]
+        #[arg(allow_negative_numbers = true, value_parser = weight)]
         weight: f64,
         /// Which station.
         #[command(flatten)]
@@ -382,6 +382,16 @@ fn png(text: &str) -> Result<PathBuf, String> {
 fn length_mm(text: &str) -> Result<f32, String> {
     let length: f32 = text.parse().map_err(|_| "expected a number".to_owned())?;
     if (1.0..=10_000.0).contains(&length) { Ok(length) } else { Err("expected 1 to 10000".to_owned()) }
+}
+
+fn back(text: &str) -> Result<i64, String> {
+    let back = text.parse().ok().filter(|back| (1..=100).contains(back));
+    back.ok_or_else(|| "expected a whole number of 1 to 100".to_owned())
+}
+
+fn weight(text: &str) -> Result<f64, String> {
+    // Its range is the station's to say.
+    text.parse().map_err(|_| "expected a number of 0 to 1000000".to_owned())
 }
 
 fn rate(text: &str) -> Result<f64, String> {

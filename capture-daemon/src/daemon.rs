@@ -5,7 +5,7 @@ use std::os::unix::net::UnixListener;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
 use common::protocol::{ReloadReply, StationError, Status};
@@ -24,6 +24,9 @@ use crate::store::Store;
 
 /// How often systemd's status line is brought up to date.
 const STATUS_EVERY: Duration = Duration::from_secs(2);
+
+/// How long after a SIGHUP the configuration is read, so that many of them are one.
+const HANG_UP_QUIET: Duration = Duration::from_millis(50);
 
 /// Runs the station until SIGTERM or SIGINT; a second signal ends it at once.
 ///
@@ -151,6 +154,7 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
 
     let mut reloader = Reloader { args, config, access, orders };
     let mut said = String::new();
+    let mut reload_at = None;
     let mut ticks = tokio::time::interval(STATUS_EVERY);
     let serving = socket.serve(service, limit);
     tokio::pin!(serving);
@@ -161,9 +165,12 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
                 tracing::info!("{name}: ending");
                 break None;
             }
-            _ = hang_up.recv() => {
+            // Of many signals in a row one counts, and one that comes while that is done counts again.
+            _ = hang_up.recv() => reload_at = reload_at.or_else(|| Some(Instant::now() + HANG_UP_QUIET)),
+            () = until(reload_at) => {
                 // Told in the log; whoever wants to know calls Reload.
-                let _ = reloader.reload();
+                let is_busy = matches!(reloader.reload(), Err(StationError::Busy));
+                reload_at = is_busy.then(|| Instant::now() + HANG_UP_QUIET);
             }
             Some(asked) = reloads_come.recv() => {
                 let _ = asked.send(reloader.reload());
@@ -190,6 +197,14 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     }
     anyhow::ensure!(frames && keeper, "a thread panicked; see the log above");
     Ok(())
+}
+
+/// Waits until then; without a moment, for ever.
+async fn until(moment: Option<Instant>) {
+    match moment {
+        Some(moment) => tokio::time::sleep_until(moment.into()).await,
+        None => std::future::pending().await,
+    }
 }
 
 async fn listen(passed: Option<UnixListener>, config: &Config) -> anyhow::Result<Socket> {
@@ -253,7 +268,7 @@ impl Reloader<'_> {
             Ok(ReloadReply { changed, restart }) => {
                 tracing::info!(changed = changed.join(", "), restart = restart.join(", "), "reloaded");
             }
-            Err(error) => tracing::error!(%error, "the configuration cannot be used; the old one stays"),
+            Err(error) => tracing::error!(%error, "the configuration is not taken; the old one stays"),
         }
         tell_systemd(&[NotifyState::Ready]);
         outcome

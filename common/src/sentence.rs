@@ -9,7 +9,15 @@ pub fn of_paragraphs(text: &str) -> String {
     let paragraphs = text.split("\n\n");
     let said = paragraphs.filter(|part| !part.starts_with("Usage") && !part.starts_with("For more"));
     let words = said.collect::<Vec<_>>().join("; ");
-    words.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" ")
+    let words = words.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" ");
+    // What the standard library calls a number, and the parser a verb.
+    words
+        .replace("invalid float literal", "expected a number")
+        .replace("cannot parse float from empty string", "expected a number")
+        .replace("invalid digit found in string", "expected a whole number")
+        .replace("cannot parse integer from empty string", "expected a whole number")
+        .replace("unrecognized subcommand", "unknown verb")
+        .replace("similar subcommand", "similar verb")
 }
 
 /// What went wrong and why, with its full stop: each cause of a chain of errors that the ones before
@@ -62,6 +70,9 @@ mod tests {
             Usage: program --b\n\nFor more information, try '--help'.\n";
         let sentence = "unexpected argument '--a' found; tip: a similar argument exists: '--b'";
         assert_eq!(of_paragraphs(text), sentence);
+        let number =
+            "error: invalid value 'x' for '<N>': invalid digit found in string\n\nFor more information\n";
+        assert_eq!(of_paragraphs(number), "invalid value 'x' for '<N>': expected a whole number");
     }
 
     #[test]

@@ -82,12 +82,13 @@ fn each_verb_does_what_it_says_and_says_why_when_it_cannot() {
     assert_eq!((&fern["mix"], &fern["earlier"][0]["blade"]["mix"]), (&json!(1.0), &json!(0.0)), "{fern}");
     assert_eq!(client(&["blades", "restore", "fern", "--back", "1"]).code, Some(0), "and done again");
     refused(&client(&["blades", "restore", "fern", "--back", "9"]), 1, &["not so many", "blades show"]);
-    refused(&client(&["blades", "restore", "fern", "--back", "0"]), 2, &["--back", "1..=100"]);
+    refused(&client(&["blades", "restore", "fern", "--back", "0"]), 2, &["--back", "1 to 100"]);
     assert_eq!(client(&["blades", "rename", "fern", "moss"]).code, Some(0));
     refused(&client(&["blades", "rename", "moss", "moss"]), 1, &["\"moss\"", "choose another name"]);
     refused(&client(&["blades", "rename", "moss", "../moss"]), 2, &["slash", "expected"]);
     refused(&client(&["blades", "mix", "moss", "-1"]), 2, &["-1", "0 to 1000000"]);
     refused(&client(&["blades", "mix", "moss", "nan"]), 2, &["NaN"]);
+    refused(&client(&["blades", "mix", "moss", "much"]), 2, &["'much'", "expected a number of 0 to 1000000"]);
     refused(&client(&["blades", "restore", "heather"]), 1, &["no earlier blade \"heather\""]);
     assert_eq!(client(&["blades", "remove", "moss"]).code, Some(0));
     refused(&client(&["blades", "remove", "moss"]), 1, &["no blade \"moss\""]);

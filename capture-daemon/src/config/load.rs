@@ -68,7 +68,12 @@ pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError>
     for document in &documents {
         // Alone, so that the error has the place in this document.
         toml::from_str::<Config>(&document.text).map_err(|error| document.error(&error))?;
-        merge(&mut merged, toml::from_str(&document.text).map_err(|error| document.error(&error))?);
+        let table: toml::Table = toml::from_str(&document.text).map_err(|error| document.error(&error))?;
+        if table.is_empty() && matches!(document.origin, Origin::Set(_)) {
+            let reason = "it sets nothing, expected key=value, such as mask.far_m=0.8".to_owned();
+            return Err(ConfigError::Invalid { place: document.place(None), reason });
+        }
+        merge(&mut merged, table);
     }
     let config: Config = merged.try_into().map_err(|error: toml::de::Error| ConfigError::Invalid {
         place: "configuration".to_owned(),
@@ -78,6 +83,14 @@ pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError>
         None => Ok(config),
         Some((key, expected)) => Err(refused(&documents, key, &expected)),
     }
+}
+
+/// An argument as it was typed, on one line.
+fn shown(argument: &str) -> String {
+    argument
+        .chars()
+        .map(|c| if c.is_control() { c.escape_default().to_string() } else { c.to_string() })
+        .collect()
 }
 
 /// Keys whose range is that of another one, which may be the one that is given.
@@ -91,7 +104,8 @@ fn refused(documents: &[Document], key: &str, expected: &str) -> ConfigError {
     let shown = own.as_ref().filter(|_| key.contains('.')).map(|(_, shown)| format!(" = {shown}"));
     let beside = || BESIDE.iter().find(|(of, _)| *of == key).and_then(|(_, other)| place_of(other));
     let place = own.or_else(beside).map_or_else(|| "configuration".to_owned(), |(place, _)| place);
-    let reason = format!("`{key}`{} is out of range, expected {expected}", shown.unwrap_or_default());
+    let wrong = if key.contains('.') { "out of range" } else { "incomplete" };
+    let reason = format!("`{key}`{} is {wrong}, expected {expected}", shown.unwrap_or_default());
     ConfigError::Invalid { place, reason }
 }
 
@@ -112,14 +126,15 @@ impl Document {
         let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
         match &self.origin {
             Origin::File(path) => format!("{}:{line}:{column}", path.display()),
-            Origin::Set(argument) => format!("--set '{}', column {column}", argument.escape_debug()),
+            Origin::Set(argument) => format!("--set '{}', column {column}", shown(argument)),
         }
     }
 
     fn error(&self, error: &toml::de::Error) -> ConfigError {
         let reason = mistake::reason(error, &self.text, &manual::example());
         let hint = match &self.origin {
-            Origin::Set(_) if error.span().is_some() && !reason.contains("unknown key") => {
+            // Where it may be for want of quotes.
+            Origin::Set(_) if reason.contains("text in quotes") || !reason.starts_with(['`', 'u']) => {
                 " (--set takes key=value as TOML; text needs quotes: --set 'service.socket=\"/tmp/s\"')"
             }
             _ => "",

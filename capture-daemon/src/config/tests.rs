@@ -124,5 +124,18 @@ fn a_bad_set_names_the_argument() {
     assert!(error("service.socket=/tmp/x").contains("text needs quotes"));
     assert!(error("refine.knots=1").starts_with("--set 'refine.knots=1', column 14: `refine.knots` = 1 is"));
     assert!(error("nonsense").contains("--set 'nonsense'"));
+    assert!(
+        error("").contains("it sets nothing, expected key=value") && error("# far").contains("sets nothing")
+    );
+    let list = error("service.change=\"x\"");
+    assert!(
+        list.starts_with("--set 'service.change=\"x\"', column 16: ") && !list.contains("needs quotes"),
+        "{list}"
+    );
+    let camera = error("camera.fx=500");
+    assert!(
+        camera.contains("column 1: `camera` is incomplete, expected all of fx, fy, cx and cy"),
+        "{camera}"
+    );
     assert!(error("mask.near_m=nan").contains("out of range"));
 }

@@ -158,14 +158,19 @@ fn examine(args: &DoctorArgs) -> Vec<Finding> {
     let mut newest_ns = None;
     match config {
         Some(config) => {
+            let (of_socket, running) = socket::examine(&config.service.socket, DEADLINE);
             all.extend(machine::names(&config.service));
-            all.push(source::first_frame(&config, DEADLINE));
+            let played = running.as_ref().map(|running| running.source.as_str()).filter(|it| *it != "none");
+            all.push(source::first_frame(&config, played, DEADLINE));
             let folder = config.store.folder(std::env::var("STATE_DIRECTORY").ok().as_deref());
             let (findings, newest) = store::examine(&folder, config.store.archive_max);
             all.extend(findings);
             newest_ns = newest;
-            let (findings, station) = socket::examine(&config.service.socket, DEADLINE);
-            all.extend(findings);
+            all.extend(of_socket);
+            // The socket of a station under systemd is systemd's own.
+            let of_unit = || systemd::station(Path::new("systemctl"), DEADLINE).unwrap_or(1);
+            let pid = running.and_then(|running| running.pid);
+            let station = pid.map(|pid| if pid == 1 { of_unit() } else { pid });
             let open_files = machine::OpenFiles::of(station);
             all.push(machine::open_files(&open_files, config.service.max_connections));
         }

@@ -7,6 +7,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use common::protocol::StationError;
 use nix::sys::socket::getsockopt;
 use nix::sys::socket::sockopt::PeerCredentials;
 use nix::unistd::{Gid, Group, Uid, User};
@@ -19,9 +20,17 @@ const CHECK: &str = "socket";
 /// A station that runs for so long knows its rate of frames.
 const RATE_IS_KNOWN_AFTER: Duration = Duration::from_secs(2);
 
-/// The socket's folder, the socket, and the station that answers there, within `deadline`; with the process that
-/// the socket is of, where a station answers.
-pub(super) fn examine(socket: &Path, deadline: Duration) -> (Vec<Finding>, Option<u32>) {
+/// A station that answers.
+pub(super) struct Running {
+    /// The process that the socket is of, where that can be told.
+    pub(super) pid: Option<u32>,
+    /// Where its frames come from; `none`: nowhere.
+    pub(super) source: String,
+}
+
+/// The socket's folder, the socket, and the station that answers there, within `deadline`; with
+/// what is known of that station.
+pub(super) fn examine(socket: &Path, deadline: Duration) -> (Vec<Finding>, Option<Running>) {
     let mut all = vec![folder(socket)];
     let place = socket.display();
     let metadata = match fs::symlink_metadata(socket) {
@@ -61,7 +70,7 @@ pub(super) fn examine(socket: &Path, deadline: Duration) -> (Vec<Finding>, Optio
             };
             all.push(Finding::ok(CHECK, place, format!("a station answers; {}", owner(&metadata))));
             all.extend(station::examine(&status));
-            (all, process_of(socket))
+            (all, Some(Running { pid: process_of(socket), source: status.source }))
         }
         Err(error) => {
             all.push(unanswered(socket, &metadata, &error));
@@ -171,6 +180,13 @@ fn unanswered(socket: &Path, metadata: &Metadata, error: &anyhow::Error) -> Find
             answer,
             "see its log (journalctl -u sward-capture), and start it anew",
         ),
+        Some(ClientError::Refused(StationError::TooManyConnections { limit })) => Finding::trouble(
+            CHECK,
+            place,
+            format!("a station answers, and has as many connections as it may, {limit} for this user"),
+            "room for one more",
+            "see who they are (ss -xp), close some, or raise service.max_connections and start it anew",
+        ),
         _ => {
             let remedy = "see what listens there, or set service.socket to another path";
             Finding::told(CHECK, &place.to_string(), &error.to_string(), "a station of this version", remedy)
@@ -207,15 +223,24 @@ mod tests {
         let listener = UnixListener::bind(&socket).expect("a free path");
         assert_trouble(&of(&socket, Duration::from_millis(50)), &["does not answer", "journalctl"]);
         let stranger = std::thread::spawn(move || {
-            // The one that was left waiting, then the one that is answered.
-            for _ in 0..2 {
+            // The one that was left waiting, then those that are answered.
+            let answers = [
+                "{\"parameters\":{\"status\":7}}\0",
+                "{\"parameters\":{\"status\":7}}\0",
+                "{\"error\":\"io.sward.Station.TooManyConnections\",\"parameters\":{\"limit\":8}}\0",
+            ];
+            for answer in answers {
                 let (mut stream, _) = listener.accept().expect("it comes");
                 let mut heard = [0; 64];
                 let _heard = stream.read(&mut heard);
-                let _left = stream.write_all(b"{\"parameters\":{\"status\":7}}\0");
+                let _left = stream.write_all(answer.as_bytes());
             }
         });
         assert_trouble(&of(&socket, DEADLINE), &["not understood"]);
+        assert_trouble(
+            &of(&socket, DEADLINE),
+            &["as many connections as it may, 8", "service.max_connections"],
+        );
         stranger.join().expect("it ends");
         // Its listener is gone, its file is not.
         assert_trouble(&of(&socket, DEADLINE), &["left over", "start a station"]);

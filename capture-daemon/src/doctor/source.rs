@@ -7,11 +7,15 @@ use crate::config::Config;
 use crate::recording;
 use crate::source::SourceError;
 
-/// Whether its first frame can be read. Frames before it that cannot be used are no trouble: they are skipped.
-pub(super) fn first_frame(config: &Config, deadline: Duration) -> Finding {
+/// Whether its first frame can be read. `played`: what a station that runs plays. Frames before it that cannot be used are no trouble: they are skipped.
+pub(super) fn first_frame(config: &Config, played: Option<&str>, deadline: Duration) -> Finding {
     const CHECK: &str = "source";
     const EXPECTED: &str = "a recording whose first frame can be read";
     let Some(path) = config.source.recording.clone() else {
+        if let Some(played) = played {
+            let found = format!("this configuration sets none; the station that runs plays {played}");
+            return Finding::skipped(CHECK, "source.recording", found);
+        }
         let found = "no recording is set: a station started so never captures anything";
         let remedy = "set source.recording, or name the station's own configuration with --config";
         return Finding::trouble(CHECK, "source.recording", found, EXPECTED, remedy);
@@ -57,13 +61,15 @@ mod tests {
     fn of(path: &Path) -> Finding {
         let mut config = Config::default();
         config.source.recording = Some(path.to_path_buf());
-        first_frame(&config, DEADLINE)
+        first_frame(&config, None, DEADLINE)
     }
 
     #[test]
     fn a_recording_that_cannot_be_read_is_trouble() {
+        let other = first_frame(&Config::default(), Some("moss.mcap"), DEADLINE);
+        assert!(other.verdict == Verdict::Skipped && other.found.contains("moss.mcap"), "{other:?}");
         assert_trouble(
-            &first_frame(&Config::default(), DEADLINE),
+            &first_frame(&Config::default(), None, DEADLINE),
             &["source.recording", "never captures", "--config"],
         );
         let shipped = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../recordings/single-1.mcap"));

@@ -27,10 +27,16 @@ pub(super) fn units(systemctl: &Path, booted: &Path, deadline: Duration) -> Vec<
     UNITS.map(of_unit).into()
 }
 
+/// The process of the station that systemd started, where it did.
+pub(super) fn station(systemctl: &Path, deadline: Duration) -> Option<u32> {
+    let properties = properties(systemctl, UNITS[1], deadline).ok()?;
+    properties.get("MainPID")?.parse().ok().filter(|pid| *pid > 0)
+}
+
 /// What systemd knows of a unit.
 fn properties(systemctl: &Path, unit: &str, deadline: Duration) -> Result<BTreeMap<String, String>, String> {
     let mut command = Command::new(systemctl);
-    let wanted = "--property=LoadState,UnitFileState,ActiveState,Result,NRestarts";
+    let wanted = "--property=LoadState,UnitFileState,ActiveState,Result,NRestarts,MainPID";
     command.args(["show", "--no-pager", wanted, unit]);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = command.spawn().map_err(|error| format!("systemctl cannot be run: {error}"))?;
@@ -91,13 +97,19 @@ mod tests {
     use super::super::{DEADLINE, Verdict};
     use super::*;
 
-    /// What is found where `systemctl` is this script.
-    fn with(script: &str, deadline: Duration) -> Vec<Finding> {
+    /// A folder whose `systemctl` is this script.
+    fn folder(script: &str) -> tempfile::TempDir {
         let folder = tempfile::tempdir().expect("a folder");
         let systemctl = folder.path().join("systemctl");
         std::fs::write(&systemctl, format!("#!/bin/sh\n{script}\n")).expect("room");
         std::fs::set_permissions(&systemctl, PermissionsExt::from_mode(0o755)).expect("it is ours");
-        units(&systemctl, folder.path(), deadline)
+        folder
+    }
+
+    /// What is found where `systemctl` is this script.
+    fn with(script: &str, deadline: Duration) -> Vec<Finding> {
+        let folder = folder(script);
+        units(&folder.path().join("systemctl"), folder.path(), deadline)
     }
 
     /// The same where it says this of every unit.
@@ -121,6 +133,13 @@ mod tests {
         assert_trouble(&said("loaded", "enabled", "failed"), &["failed", "3 restarts", "journalctl -u"]);
         assert_trouble(&said("loaded", "enabled", "activating"), &["activating"]);
         assert_trouble(&said("bad-setting", "enabled", "inactive"), &["bad-setting", "systemctl status"]);
+    }
+
+    #[test]
+    fn the_station_s_process_is_known_while_it_runs() {
+        let of = |script: &str| station(&folder(script).path().join("systemctl"), DEADLINE);
+        assert_eq!(of("echo MainPID=4242"), Some(4242));
+        assert_eq!([of("echo MainPID=0"), of("exit 1"), of("echo")], [None; 3]);
     }
 
     #[test]
