@@ -9,11 +9,20 @@ use glam::Vec2;
 
 use crate::frame::View;
 use crate::scene::camera::Camera;
+use crate::scene::camera::path::Path;
+use crate::scene::camera::views::NamedView;
+use crate::scene::sky;
+
+/// Side of the field that [`NamedView`] looks at, metres: 14,926 tiles, as in Fan & Sheng.
+const FIELD_M: f32 = 22.0;
 
 /// Grows a meadow from the blades that the capture station has in its library
 ///
-/// In a window, which Esc or Q closes, or as pictures. While no station answers, it shows the meadow that it had
-/// last and tries again.
+/// In a window, or as pictures. While no station answers, it shows the meadow that it had last and tries again.
+///
+/// In the window, 1 flies, 2 walks, 3 goes round a point, and 0 goes back to the window's own slow way. W A S D or
+/// the arrows move, Space and C up and down, Shift faster; the mouse looks while a button is held, its wheel zooms. F
+/// fills the screen, Esc closes the window. Whoever moves first flies.
 ///
 /// Exit code 0: done; 1: something prevents drawing; 2: bad arguments.
 ///
@@ -67,6 +76,19 @@ pub struct Cli {
     #[arg(long, conflicts_with = "headless")]
     pub fullscreen: bool,
 
+    /// Fill the screen without pointer, keys and mouse, and let the eye go slowly round; SIGTERM ends it
+    #[arg(long, conflicts_with = "headless")]
+    pub kiosk: bool,
+
+    /// A view that has a name
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["eye_height_m", "heading_deg", "pitch_deg", "fov_deg"])]
+    pub view: Option<NamedView>,
+
+    /// Key frames that the eye glides along, 1 or more, some seconds apart: TOML as in renderer/docs/camera.md
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["view", "eye_height_m", "heading_deg", "pitch_deg", "fov_deg"],
+          value_parser = read_path)]
+    pub path: Option<Path>,
+
     /// Height of the eye above the ground, metres, 0 to 1000000
     #[arg(long, value_name = "M", default_value_t = 0.42, value_parser = parse_number)]
     pub eye_height_m: f32,
@@ -83,9 +105,18 @@ pub struct Cli {
     #[arg(long, value_name = "DEG", default_value_t = 48.0, value_parser = parse_fov)]
     pub fov_deg: f32,
 
+    /// The hour, true solar time of a day in late May at 48 degrees north, 00:00 to 23:59; -z is north
+    #[arg(long, value_name = "HH:MM", conflicts_with = "sun_deg", value_parser = parse_hour)]
+    pub time: Option<f32>,
+
     /// Where the sun stands: heading, -360 to 360, and elevation, 1 to 90, degrees
     #[arg(long, value_name = "DEG,DEG", default_value = "46,24", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun_deg: Vec2,
+
+    /// A folder like renderer/src/passes whose shaders take the place of those built in, also when they change
+    /// later; for development
+    #[arg(long, value_name = "DIR")]
+    pub shaders: Option<PathBuf>,
 
     /// Print a script that completes this command line in a shell, and end
     #[arg(long, value_name = "SHELL", exclusive = true)]
@@ -99,17 +130,22 @@ pub struct Cli {
 impl Cli {
     /// The view at `time_s` seconds of the meadow's time.
     pub fn view(&self, time_s: f32) -> View {
-        View {
-            camera: Camera {
+        let sun_rad = match self.time {
+            Some(hour) => sky::sun_at_hour(hour),
+            None => Vec2::new(self.sun_deg.x.to_radians(), self.sun_deg.y.to_radians()),
+        };
+        let camera = match (&self.path, self.view) {
+            (Some(path), _) => path.at(time_s),
+            (None, Some(view)) => view.camera(FIELD_M, sun_rad.x),
+            (None, None) => Camera {
                 foot: Vec2::ZERO,
                 eye_height_m: self.eye_height_m,
                 heading_rad: self.heading_deg.to_radians(),
                 pitch_rad: self.pitch_deg.to_radians(),
                 fov_y_rad: self.fov_deg.to_radians(),
             },
-            time_s,
-            sun_rad: Vec2::new(self.sun_deg.x.to_radians(), self.sun_deg.y.to_radians()),
-        }
+        };
+        View { camera, time_s, sun_rad }
     }
 }
 
@@ -146,6 +182,18 @@ fn parse_sun(text: &str) -> Result<Vec2, String> {
     Ok(Vec2::new(parse_signed(heading)?, number_in(elevation, 1.0..=90.0)?))
 }
 
+fn parse_hour(text: &str) -> Result<f32, String> {
+    let part = |text: &str, below: u8| text.parse::<u8>().ok().filter(|part| *part < below).map(f32::from);
+    let (hour, minute) = text.split_once(':').unwrap_or_default();
+    let hour = part(hour, 24).zip(part(minute, 60)).map(|(hour, minute)| hour + minute / 60.0);
+    hour.ok_or_else(|| "expected HH:MM, 00:00 to 23:59, as in 07:30".into())
+}
+
+fn read_path(file: &str) -> Result<Path, String> {
+    let text = std::fs::read_to_string(file).map_err(|error| error.to_string())?;
+    Path::parse(&text).map_err(|error| error.to_string())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -163,12 +211,21 @@ mod tests {
         let parse = |args: &[&str]| Cli::try_parse_from(["sward-render"].iter().chain(args));
         assert_eq!(parse(&["--size", "640x480"]).expect("valid").size, (640, 480));
         assert_eq!(parse(&["--pitch-deg", "-90"]).expect("valid").pitch_deg, -90.0);
+        assert_eq!(parse(&["--time", "07:30"]).expect("valid").time, Some(7.5));
+        assert!(parse(&["--view", "against-sun", "--time", "19:00"]).is_ok());
         for args in [
             &["--size", "640"][..],
             &["--size", "0x480"],
             &["--fov-deg", "NaN"],
             &["--sun-deg", "10,-5"],
             &["--headless"],
+            &["--time", "24:00"],
+            &["--time", "noon"],
+            &["--time", "7:30", "--sun-deg", "10,20"],
+            &["--view", "below"],
+            &["--view", "edge", "--fov-deg", "40"],
+            &["--path", "no such file"],
+            &["--kiosk", "--headless", "--out", "d"],
             &["--frames", "2"],
             &["--headless", "--out", "d", "--frames", "0"],
             &["--headless", "--out", "d", "--library", "f", "--wait-blades", "1"],

@@ -1,17 +1,17 @@
 //! The frame: all passes in order.
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
 use common::library::Snapshot;
 
 use crate::gpu::Gpu;
-use crate::gpu::buffers::{self, Use};
 use crate::gpu::targets::Targets;
 use crate::passes::cull::{self, Cull};
 use crate::passes::grass::{Grass, Growth};
-use crate::passes::{ground::Ground, sky::Sky, tone::Tone};
+use crate::passes::{ground::Ground, sky::Sky, tone::Tone, world::World};
 use crate::scene::camera::{Camera, frustum_planes};
 use crate::scene::grassland;
+use crate::scene::light::Light;
 
 /// The patch is the same everywhere and always.
 const PATCH_SEED: u64 = 0x5EED;
@@ -35,8 +35,6 @@ pub mod gpu_data {
         pub eye_in_world: Vec3,
         /// The meadow's time, seconds.
         pub time_s: f32,
-        /// Unit vector to the sun.
-        pub sun_direction: Vec3,
         /// Angle that a pixel covers in the picture's middle, radians.
         pub pixel_rad: f32,
         /// Whether anything grows, 0 or 1.
@@ -45,8 +43,6 @@ pub mod gpu_data {
         pub _pad_0: u32,
         /// Padding.
         pub _pad_1: u32,
-        /// Padding.
-        pub _pad_2: u32,
     }
 }
 
@@ -66,24 +62,16 @@ impl View {
     pub fn uniform(&self, size: (u32, u32), grows: bool) -> gpu_data::Frame {
         let (width, height) = (size.0.max(1) as f32, size.1.max(1) as f32);
         let clip_from_world = self.camera.clip_from_world(width / height);
-        let (sin_heading, cos_heading) = self.sun_rad.x.sin_cos();
-        let (sin_elevation, cos_elevation) = self.sun_rad.y.sin_cos();
         gpu_data::Frame {
             clip_from_world,
             world_from_clip: clip_from_world.inverse(),
             planes: frustum_planes(clip_from_world),
             eye_in_world: self.camera.eye_in_world(),
             time_s: self.time_s,
-            sun_direction: Vec3::new(
-                sin_heading * cos_elevation,
-                sin_elevation,
-                -cos_heading * cos_elevation,
-            ),
             pixel_rad: 2.0 * (self.camera.fov_y_rad * 0.5).tan() / height,
             grows: u32::from(grows),
             _pad_0: 0,
             _pad_1: 0,
-            _pad_2: 0,
         }
     }
 }
@@ -91,8 +79,7 @@ impl View {
 /// The meadow on the GPU: passes, and the library that grows.
 #[derive(Debug)]
 pub struct Meadow {
-    frame: wgpu::Buffer,
-    frame_bindings: wgpu::BindGroup,
+    world: World,
     patch: wgpu::Buffer,
     cull: Cull,
     grass: Grass,
@@ -105,20 +92,17 @@ pub struct Meadow {
 impl Meadow {
     /// A bare meadow that draws pictures of `format`.
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
-        let stages = wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE;
-        let layout = buffers::layout(gpu, "frame", stages, &[Use::Uniform]);
-        let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
-        let frame = buffers::reserve(gpu, "frame", usage, size_of::<gpu_data::Frame>() as u64);
+        let world = World::new(gpu);
+        let layout = &world.layout;
         let patch = cull::upload_patch(gpu, &grassland::patch(PATCH_SEED));
         Self {
-            frame_bindings: buffers::bind(gpu, "frame", &layout, &[&frame]),
-            cull: Cull::new(gpu, &layout, &patch),
-            grass: Grass::new(gpu, &layout),
-            ground: Ground::new(gpu, &layout),
-            sky: Sky::new(gpu, &layout),
+            cull: Cull::new(gpu, layout, &patch),
+            grass: Grass::new(gpu, layout),
+            ground: Ground::new(gpu, layout),
+            sky: Sky::new(gpu, layout),
             tone: Tone::new(gpu, format),
             growth: None,
-            frame,
+            world,
             patch,
         }
     }
@@ -132,16 +116,16 @@ impl Meadow {
     /// Draws one frame to `display`, a view of the size of `targets`.
     pub fn draw(&self, gpu: &Gpu, targets: &Targets, view: &View, display: &wgpu::TextureView) {
         let uniform = view.uniform(targets.size, self.growth.is_some());
-        gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(&uniform));
+        self.world.write(gpu, &uniform, &Light::new(view.sun_rad));
         let mut encoder =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
 
         if let Some(growth) = &self.growth {
             let window = cull::window(uniform.eye_in_world, growth.reach_m);
-            self.cull.encode(gpu, &mut encoder, &self.frame_bindings, window);
+            self.cull.encode(gpu, &mut encoder, &self.world.bindings, window);
         }
         let mut scene = begin_scene(&mut encoder, targets);
-        scene.set_bind_group(0, &self.frame_bindings, &[]);
+        scene.set_bind_group(0, &self.world.bindings, &[]);
         if let Some(growth) = &self.growth {
             self.grass.draw(&mut scene, growth, &self.cull);
         }

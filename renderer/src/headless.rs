@@ -8,12 +8,16 @@ use anyhow::{Context, bail};
 use common::library::Snapshot;
 
 use crate::cli::Cli;
-use crate::frame::{Meadow, View};
+use crate::frame::View;
+use crate::garden::Garden;
 use crate::gpu::readback::{self, ReadbackError};
+use crate::gpu::shader::Sources;
 use crate::gpu::targets::{self, Targets};
 use crate::gpu::{Gpu, device};
 use crate::library_watch::LibraryWatch;
 
+/// Format of the pictures.
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 /// Pictures to a second of the meadow's time.
 const FRAMES_PER_SECOND: f32 = 30.0;
 /// How long a picture waits for a station that has not answered yet, when no blade is waited for.
@@ -22,11 +26,9 @@ const FIRST_ANSWER: Duration = Duration::from_secs(2);
 /// A meadow that draws to memory.
 #[derive(Debug)]
 pub struct Studio {
-    gpu: Gpu,
-    meadow: Meadow,
+    garden: Garden,
     targets: Targets,
     picture: wgpu::Texture,
-    generation: u64,
 }
 
 impl Studio {
@@ -35,36 +37,68 @@ impl Studio {
     /// # Errors
     /// When there is no Vulkan device.
     pub fn open(size: (u32, u32)) -> Result<Self, device::OpenError> {
-        let format = wgpu::TextureFormat::Rgba8UnormSrgb;
-        let gpu = Gpu::open(&device::instance(), None)?;
-        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
-        Ok(Self {
-            meadow: Meadow::new(&gpu, format),
-            targets: Targets::new(&gpu, size),
-            picture: targets::texture(&gpu, "picture", size, format, 1, usage),
-            generation: 0,
-            gpu,
-        })
+        Self::with_shaders(size, Sources::default())
+    }
+
+    /// The same, with these shaders.
+    ///
+    /// # Errors
+    /// When there is no Vulkan device.
+    pub fn with_shaders(size: (u32, u32), shaders: Sources) -> Result<Self, device::OpenError> {
+        let gpu = Gpu::open(&device::instance(), None)?.with_shaders(shaders);
+        let (targets, picture) = Self::targets(&gpu, size);
+        Ok(Self { garden: Garden::new(gpu, FORMAT), targets, picture })
     }
 
     /// Lets this library grow from the next picture on.
     pub fn plant<B: AsRef<[u8]>>(&mut self, library: &Snapshot<B>) {
-        self.meadow.plant(&self.gpu, library);
-        self.generation = library.generation();
+        self.garden.plant(library);
     }
 
     /// Generation of the library that the next picture shows; 0 while the meadow is bare.
     pub fn generation(&self) -> u64 {
-        self.generation
+        self.garden.generation()
+    }
+
+    /// What draws: name of the adapter and of its driver.
+    pub fn adapter(&self) -> String {
+        let info = self.garden.gpu.adapter.get_info();
+        format!("{} {}", info.name, info.driver)
+    }
+
+    /// Scene light of the frame drawn last, as the passes store it: four half floats a pixel, rows from
+    /// the top, each its 16 bits.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn scene_light(&self) -> Result<Vec<u16>, ReadbackError> {
+        let bytes = readback::texels(&self.garden.gpu, self.targets.resolved.texture())?;
+        Ok(bytes.chunks_exact(2).map(|pair| u16::from_ne_bytes([pair[0], pair[1]])).collect())
     }
 
     /// Draws one frame. Returns sRGB with alpha, 4 bytes a pixel, rows from the top.
     ///
+    /// A device that was lost since the last time is replaced by another before.
+    ///
     /// # Errors
-    /// When the device is lost.
-    pub fn draw(&self, view: &View) -> Result<Vec<u8>, ReadbackError> {
-        self.meadow.draw(&self.gpu, &self.targets, view, &self.picture.create_view(&Default::default()));
-        readback::texels(&self.gpu, &self.picture)
+    /// When the device is lost while it draws, or there is no other.
+    pub fn draw(&mut self, view: &View) -> anyhow::Result<Vec<u8>> {
+        if self.garden.gpu.is_lost() {
+            self.garden.reopen()?;
+            (self.targets, self.picture) = Self::targets(&self.garden.gpu, self.targets.size);
+        }
+        self.garden.draw(&self.targets, view, &self.picture.create_view(&Default::default()));
+        Ok(readback::texels(&self.garden.gpu, &self.picture)?)
+    }
+
+    /// The meadow and its device, to do to them what may happen to them.
+    pub fn garden(&mut self) -> &mut Garden {
+        &mut self.garden
+    }
+
+    fn targets(gpu: &Gpu, size: (u32, u32)) -> (Targets, wgpu::Texture) {
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        (Targets::new(gpu, size), targets::texture(gpu, "picture", size, FORMAT, 1, usage))
     }
 }
 
@@ -78,7 +112,8 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)
         .with_context(|| format!("cannot make the folder {} for the pictures", out.display()))?;
     let library = cli.library.as_deref().map(read_library).transpose()?;
-    let mut studio = Studio::open(cli.size)?;
+    let shaders = cli.shaders.as_deref().map(Sources::read).transpose()?;
+    let mut studio = Studio::with_shaders(cli.size, shaders.unwrap_or_default())?;
     let watch = match &library {
         Some(library) => {
             studio.plant(library);

@@ -9,6 +9,7 @@
 pub mod app;
 pub mod cli;
 pub mod frame;
+pub mod garden;
 pub mod gpu;
 pub mod headless;
 pub mod library_watch;

@@ -9,13 +9,14 @@ use std::io::Write;
 use ::common::library::Snapshot;
 use glam::Vec2;
 use renderer::frame::{View, gpu_data::Frame};
-use renderer::gpu::buffers::{self, Use};
 use renderer::gpu::device::{self, OpenError};
 use renderer::gpu::{Gpu, readback};
 use renderer::headless::Studio;
 use renderer::passes::cull::{self, Cull, gpu_data::Draw, gpu_data::Instance};
+use renderer::passes::world::World;
 use renderer::scene::camera::Camera;
 use renderer::scene::grassland;
+use renderer::scene::light::Light;
 
 const SIZE: (u32, u32) = (320, 180);
 
@@ -97,14 +98,13 @@ fn a_new_library_goes_live_whole() {
 
 fn cull_on_gpu(gpu: &Gpu, frame: &Frame, window: cull::gpu_data::Window) -> Vec<Vec<Instance>> {
     let patch = cull::upload_patch(gpu, &grassland::patch(7));
-    let layout = buffers::layout(gpu, "frame", wgpu::ShaderStages::COMPUTE, &[Use::Uniform]);
-    let uniform = buffers::upload(gpu, "frame", wgpu::BufferUsages::UNIFORM, bytemuck::bytes_of(frame));
-    let bindings = buffers::bind(gpu, "frame", &layout, &[&uniform]);
-    let cull = Cull::new(gpu, &layout, &patch);
+    let world = World::new(gpu);
+    world.write(gpu, frame, &Light::new(view().sun_rad));
+    let cull = Cull::new(gpu, &world.layout, &patch);
     // Twice: the counts of the first time must be gone.
     for _ in 0..2 {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        cull.encode(gpu, &mut encoder, &bindings, window);
+        cull.encode(gpu, &mut encoder, &world.bindings, window);
         gpu.queue.submit([encoder.finish()]);
     }
     let draws = readback::buffer(gpu, &cull.draws).expect("draws");

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::shader::Sources;
+
 /// Why there is no device to draw with.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
@@ -33,6 +35,9 @@ pub struct Gpu {
     pub device: wgpu::Device,
     /// Its only queue.
     pub queue: wgpu::Queue,
+    /// What the passes are made from when they are made the next time.
+    pub shaders: Sources,
+    lost: Arc<AtomicBool>,
 }
 
 /// A Vulkan instance, without validation layers.
@@ -73,7 +78,29 @@ impl Gpu {
                 tracing::error!(%error, "the GPU refused a command; the picture may be incomplete");
             }
         }));
-        Ok(Self { adapter, device, queue })
+        let lost = Arc::new(AtomicBool::new(false));
+        let seen = Arc::clone(&lost);
+        device.set_device_lost_callback(move |reason, text| {
+            // Also called when the device is let go of, which is no loss.
+            if !text.is_empty() {
+                tracing::debug!(?reason, text, "device lost");
+            }
+            seen.store(true, Ordering::Relaxed);
+        });
+        Ok(Self { adapter, device, queue, shaders: Sources::default(), lost })
+    }
+}
+
+impl Gpu {
+    /// The same device; the passes made from now on are made from these.
+    #[must_use]
+    pub fn with_shaders(self, shaders: Sources) -> Self {
+        Self { shaders, ..self }
+    }
+
+    /// Whether the driver has given the device up: all that was made on it is void.
+    pub fn is_lost(&self) -> bool {
+        self.lost.load(Ordering::Relaxed)
     }
 }
 
@@ -88,7 +115,7 @@ fn rank(kind: wgpu::DeviceType) -> u32 {
 }
 
 /// The result of a future of wgpu, which is ready at once everywhere but in a browser.
-fn ready<T>(future: impl Future<Output = T>) -> T {
+pub(crate) fn ready<T>(future: impl Future<Output = T>) -> T {
     let mut context = std::task::Context::from_waker(std::task::Waker::noop());
     let mut future = std::pin::pin!(future);
     loop {

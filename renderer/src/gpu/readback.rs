@@ -23,13 +23,13 @@ pub fn buffer(gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<Vec<u8>, ReadbackError
     map(gpu, &staging)
 }
 
-/// The texels of a texture of 4 bytes each, row by row from the top, without padding.
+/// The texels of an uncompressed texture, row by row from the top, without padding.
 ///
 /// # Errors
 /// When the device is lost.
 pub fn texels(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, ReadbackError> {
     let (width, height) = (texture.width(), texture.height());
-    let row = width * 4;
+    let row = width * texture.format().block_copy_size(None).expect("a colour format has one size");
     let padded_row = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let staging = staging(gpu, u64::from(padded_row) * u64::from(height));
     let mut encoder = gpu.device.create_command_encoder(&Default::default());

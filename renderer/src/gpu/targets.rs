@@ -33,7 +33,12 @@ impl Targets {
             size,
             colour: view("scene.colour", COLOUR, SAMPLES, wgpu::TextureUsages::empty()),
             depth: view("scene.depth", DEPTH, SAMPLES, wgpu::TextureUsages::empty()),
-            resolved: view("scene.resolved", COLOUR, 1, wgpu::TextureUsages::TEXTURE_BINDING),
+            resolved: view(
+                "scene.resolved",
+                COLOUR,
+                1,
+                wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC,
+            ),
         }
     }
 }

@@ -1,5 +1,5 @@
-// What every pass shares: the frame's uniform, noise, ground and wind (twins: scene/perlin.rs,
-// scene/terrain.rs, scene/wind.rs), and the colours of sky and haze.
+// What every pass shares: the frame's uniform, noise and ground (twins: scene/perlin.rs,
+// scene/terrain.rs). wind.wgsl and light.wgsl follow it.
 // Constants in capitals that are not declared here come from Rust (gpu/shader.rs).
 
 struct Frame {
@@ -8,20 +8,13 @@ struct Frame {
     planes: array<vec4f, 5>,
     eye_in_world: vec3f,
     time_s: f32,
-    sun_direction: vec3f,
     pixel_rad: f32,
     grows: u32,
     _pad_0: u32,
     _pad_1: u32,
-    _pad_2: u32,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-
-const SUN_COLOUR = vec3f(4.6, 4.05, 3.1);
-const ZENITH = vec3f(0.13, 0.36, 0.92);
-const HORIZON = vec3f(0.86, 1.08, 1.26);
-const SKY_FILL = vec3f(0.52, 0.72, 0.98);
 
 fn hash(x: i32, z: i32) -> u32 {
     var h = bitcast<u32>(x) * 0x9E3779B1u;
@@ -69,40 +62,4 @@ fn lushness(p: vec2f) -> f32 {
 
 fn tuft_lean_rad(p: vec2f) -> vec2f {
     return 0.42 * vec2f(perlin(p * (1.0 / 0.47)), perlin(p * (1.0 / 0.47) + vec2f(31.7, 11.3)));
-}
-
-fn bend_rad(root: vec2f, time_s: f32) -> vec2f {
-    let travelled = root - WIND_DIRECTION * (WIND_SPEED_M_PER_S * time_s);
-    let gust = perlin(travelled * (1.0 / 2.6));
-    let flutter = perlin(travelled * (1.0 / 0.45) + vec2f(0.0, 0.7 * time_s));
-    return WIND_DIRECTION * (0.10 + 0.14 * gust)
-        + vec2f(-WIND_DIRECTION.y, WIND_DIRECTION.x) * (0.07 * flutter);
-}
-
-// How much of the sun passes the clouds above `p`, 0.3 to 1.
-fn sunlight(p: vec2f) -> f32 {
-    let drift = p * (1.0 / 19.0) + vec2f(0.03, 0.01) * frame.time_s + vec2f(0.35, 0.6);
-    return mix(0.30, 1.0, smoothstep(-0.38, 0.02, perlin(drift) + 0.25 * perlin(drift * 3.1)));
-}
-
-// Radiance of the clear sky towards `direction`, without the sun's disc.
-fn sky_radiance(direction: vec3f) -> vec3f {
-    let up = max(direction.y, 0.0);
-    let towards_sun = max(dot(direction, frame.sun_direction), 0.0);
-    let base = mix(HORIZON, ZENITH, 1.0 - exp(-up * 3.4));
-    let glow = SUN_COLOUR * (0.045 * pow(towards_sun, 8.0) + 0.16 * pow(towards_sun, 48.0));
-    return base + glow;
-}
-
-// What the air between the eye and a point `distance_m` away does to the point's light.
-fn with_haze(colour: vec3f, direction: vec3f, distance_m: f32) -> vec3f {
-    let haze = sky_radiance(normalize(vec3f(direction.x, 0.02, direction.z))) * 0.92;
-    return mix(haze, colour, exp(-distance_m * (1.0 / 150.0)));
-}
-
-// Scene light as it is stored: within 0..1, so that one bright sample of four does not outshine the
-// others of its pixel. `passes/tone` undoes it after they are averaged.
-// Source: Karis, "Tone mapping", 2013.
-fn stored(colour: vec3f) -> vec4f {
-    return vec4f(colour / (1.0 + max(colour.r, max(colour.g, colour.b))), 1.0);
 }

@@ -5,6 +5,7 @@ pub mod grass;
 pub mod ground;
 pub mod sky;
 pub mod tone;
+pub mod world;
 
 use crate::gpu::targets::{self, SAMPLES};
 
@@ -24,7 +25,7 @@ pub(crate) struct ScenePipeline<'a> {
 
 impl ScenePipeline<'_> {
     pub(crate) fn create(&self, gpu: &crate::gpu::Gpu) -> wgpu::RenderPipeline {
-        let module = crate::gpu::shader::scene_module(gpu, self.pass);
+        let module = crate::gpu::shader::module(gpu, self.pass);
         let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some(self.pass),
             bind_group_layouts: self.layouts,

@@ -3,6 +3,8 @@
 
 pub mod camera;
 pub mod grassland;
+pub mod light;
 pub mod perlin;
+pub mod sky;
 pub mod terrain;
 pub mod wind;

@@ -182,7 +182,7 @@ impl Cull {
         let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some("cull"),
             layout: Some(&pipeline_layout),
-            module: &shader::scene_module(gpu, "cull"),
+            module: &shader::module(gpu, "cull"),
             entry_point: Some("main"),
             compilation_options: Default::default(),
             cache: None,

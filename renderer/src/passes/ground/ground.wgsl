@@ -23,6 +23,24 @@ fn vs_main(@builtin(vertex_index) vertex: u32, @builtin(instance_index) ring: u3
     return ground;
 }
 
+// The grass from afar: a few leaves that stand for all that a pixel covers, lit as each blade is.
+fn meadow(p: vec2f, to_eye: vec3f, distance_m: f32, cloud: f32, lower_m: f32) -> vec3f {
+    let lush = lushness(p);
+    // The steeper the look, the deeper down it goes between the blades.
+    let deeper = 1.0 + 2.5 * saturate(to_eye.y);
+    var sum = vec3f(0.0);
+    for (var i = 0u; i < 4u; i++) {
+        let turn = f32(i) * (TAU / 4.0) + 0.6;
+        let flat_normal = normalize(vec3f(cos(turn), 0.45, sin(turn)));
+        let facing = select(-flat_normal, flat_normal, dot(flat_normal, to_eye) >= 0.0);
+        let n = normalize(facing + vec3f(0.0, 0.18, 0.0));
+        let leaf = mean_leaf(0.55 + 0.12 * f32(i), lush);
+        let depth_m = lower_m + (0.012 + 0.022 * f32(3u - i)) * deeper;
+        sum += lit_leaf(leaf, facing, n, to_eye, depth_m, sun_below(depth_m), cloud, distance_m);
+    }
+    return sum * 0.25;
+}
+
 @fragment
 fn fs_main(ground: Ground) -> @location(0) vec4f {
     let to_eye_m = frame.eye_in_world - ground.in_world;
@@ -30,27 +48,30 @@ fn fs_main(ground: Ground) -> @location(0) vec4f {
     let to_eye = to_eye_m / distance_m;
     let p = ground.in_world.xz;
 
-    let sun = SUN_COLOUR * sunlight(p);
+    let cloud = sunlight(p);
+    let above = sky_fill(vec3f(0.0, 1.0, 0.0));
+    let sun = light.sun * (cloud * light.to_sun.y);
+    // The fewer blades are drawn, the more the ground stands for those left out: first for what is low between
+    // the others, at the end for all.
+    let far = select(0.0, smoothstep(0.06 * RANGE_M, 0.8 * RANGE_M, distance_m), frame.grows > 0u);
 
-    // Thatch in the shade of the blades; where nothing grows, earth in the sun.
-    let speckle = 0.5 + 0.5 * (perlin(p * 60.0) * 0.5 + perlin(p * 140.0) * 0.5);
-    let thatch = mix(vec3f(0.022, 0.032, 0.009), vec3f(0.078, 0.095, 0.027), speckle);
-    let clods = 0.8 + 0.3 * perlin(p * 9.0) + 0.2 * perlin(p * 0.7);
-    let earth = mix(vec3f(0.060, 0.042, 0.026), vec3f(0.140, 0.105, 0.068), speckle) * clods;
-    let bare = select(
-        earth * (sun * 0.45 + SKY_FILL * 0.8),
-        thatch * (sun * 0.19 + SKY_FILL * 0.42),
-        frame.grows > 0u,
-    );
-
-    // The grass from afar: its colour, lit as its blades are, light through them included.
-    let lush = lushness(p);
-    let albedo = mix(vec3f(0.105, 0.135, 0.030), vec3f(0.046, 0.100, 0.020), lush);
-    let behind = max(dot(to_eye, -frame.sun_direction), 0.0);
-    let lit = 0.20 + 0.62 * behind * behind;
-    let tufts = 1.0 + 0.34 * perlin(p * vec2f(1.9, 1.9)) + 0.22 * perlin(p * 0.31);
-    let grass = albedo * (sun * lit + SKY_FILL * 0.45) * tufts;
-
-    let far = select(0.0, smoothstep(0.30 * RANGE_M, 0.9 * RANGE_M, distance_m), frame.grows > 0u);
-    return stored(with_haze(mix(bare, grass, far), -to_eye, distance_m));
+    var near_light = vec3f(0.0);
+    if far < 1.0 {
+        // Thatch in the shade of the blades; where nothing grows, earth in the sun.
+        let speckle = 0.5 + 0.5 * (perlin(p * 60.0) * 0.5 + perlin(p * 140.0) * 0.5);
+        let thatch = mix(vec3f(0.030, 0.024, 0.012), vec3f(0.120, 0.092, 0.052), speckle);
+        let clods = 0.8 + 0.3 * perlin(p * 9.0) + 0.2 * perlin(p * 0.7);
+        let earth = mix(vec3f(0.060, 0.042, 0.026), vec3f(0.140, 0.105, 0.068), speckle) * clods;
+        near_light = select(
+            earth * (sun + above),
+            thatch * (sun * sun_below(CANOPY_M) + above * sky_below(CANOPY_M)),
+            frame.grows > 0u,
+        );
+    }
+    var far_light = vec3f(0.0);
+    if far > 0.0 {
+        let tufts = 1.0 + 0.30 * perlin(p * vec2f(1.9, 1.9)) + 0.20 * perlin(p * 0.31);
+        far_light = meadow(p, to_eye, distance_m, cloud, 0.06 * (1.0 - far)) * tufts;
+    }
+    return stored(with_haze(mix(near_light, far_light, far), -to_eye, distance_m));
 }

@@ -38,22 +38,26 @@ fn ridge(heading: f32, scale: f32, row: f32) -> f32 {
 fn fs_main(sky: Sky) -> @location(0) vec4f {
     let near = frame.world_from_clip * vec4f(sky.clip, 1.0, 1.0);
     let direction = normalize(near.xyz / near.w - frame.eye_in_world);
-    let towards_sun = dot(direction, frame.sun_direction);
+    let towards_sun = dot(direction, light.to_sun);
 
-    var colour = sky_radiance(direction);
+    let haze = horizon_radiance(direction);
+    var colour = mix(haze, sky_radiance(direction), smoothstep(0.0, 0.07, direction.y));
     let cloud = clouds(direction);
-    let lit = vec3f(0.92, 0.95, 1.0) + SUN_COLOUR * (0.35 * pow(max(towards_sun, 0.0), 10.0));
-    colour = mix(colour, lit, cloud * 0.75);
-    colour += SUN_COLOUR * (7.0 * smoothstep(0.99985, 0.99992, towards_sun) * (1.0 - 0.8 * cloud));
+    let above = sky_fill(vec3f(0.0, 1.0, 0.0));
+    let lit = light.sun * (0.20 + 0.9 * pow(max(towards_sun, 0.0), 10.0)) + above * 1.1;
+    colour = mix(colour, lit, cloud * 0.6);
+    let disc = smoothstep(0.99985, 0.99992, towards_sun);
+    colour += light.sun * ((200.0 * disc + 0.5 * pow(max(towards_sun, 0.0), 900.0)) * (1.0 - 0.8 * cloud));
 
     let heading = atan2(direction.z, direction.x);
-    let haze = sky_radiance(normalize(vec3f(direction.x, 0.02, direction.z))) * 0.92;
     let far_ridge = 0.050 + 0.022 * ridge(heading, 2.1, 3.7);
     let near_ridge = 0.022 + 0.016 * ridge(heading, 4.3, 17.1);
     let soft = 1.5 * frame.pixel_rad;
-    // Mist lies at the foot of each ridge and takes it over into the haze where the ground ends.
-    let far_colour = mix(haze, vec3f(0.16, 0.26, 0.36), 0.30 * smoothstep(0.0, 0.05, direction.y));
-    let near_colour = mix(haze, vec3f(0.06, 0.14, 0.10), 0.42 * smoothstep(-0.004, 0.03, direction.y));
+    // Woods, through kilometres of air. Mist lies at the foot of each ridge and takes it over into the
+    // haze where the ground ends.
+    let woods = vec3f(0.030, 0.045, 0.022) * (light.sun * 0.6 + above);
+    let far_colour = mix(haze, woods, 0.30 * smoothstep(0.0, 0.05, direction.y));
+    let near_colour = mix(haze, woods, 0.50 * smoothstep(-0.004, 0.03, direction.y));
     colour = mix(colour, far_colour, 1.0 - smoothstep(-soft, soft, direction.y - far_ridge));
     colour = mix(colour, near_colour, 1.0 - smoothstep(-soft, soft, direction.y - near_ridge));
     return stored(colour);

@@ -25,10 +25,7 @@ impl Tone {
                 count: None,
             }],
         });
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("tone"),
-            source: wgpu::ShaderSource::Wgsl(shader::TONE.into()),
-        });
+        let module = shader::module(gpu, "tone");
         let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("tone"),
             bind_group_layouts: &[Some(&layout)],

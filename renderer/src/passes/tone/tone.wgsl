@@ -1,9 +1,12 @@
-// One invocation handles one pixel: scene light to display light.
-// Reads the resolved picture. Source: Narkowicz 2016, a fit of the ACES curve.
+// One invocation handles one pixel: scene light, exposed already, to display light.
+// Reads the resolved picture.
+// Source: AgX (Sobotka 2022), its curve as the polynomial of Wrensch 2023: bright colours go pale
+// together, where a curve a channel would turn sunlit grass to lemon.
 
 override ENCODE_SRGB: bool = false;
 
-const EXPOSURE = 0.62;
+const CONTRAST = 1.22;
+const SATURATION = 1.22;
 
 @group(0) @binding(0) var scene: texture_2d<f32>;
 
@@ -12,11 +15,32 @@ fn vs_main(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     return vec4f(f32(index & 1u) * 4.0 - 1.0, f32(index >> 1u) * 4.0 - 1.0, 0.0, 1.0);
 }
 
+// Light to what a display with a gamma of 2.2 is given.
+fn agx(light: vec3f) -> vec3f {
+    let inset = mat3x3f(
+        vec3f(0.842479062, 0.042328242, 0.042375655),
+        vec3f(0.078433600, 0.878468636, 0.078433600),
+        vec3f(0.079223745, 0.079166127, 0.879142974),
+    );
+    let outset = mat3x3f(
+        vec3f(1.196879005, -0.052896852, -0.052971636),
+        vec3f(-0.098020881, 1.151903130, -0.098043450),
+        vec3f(-0.099029744, -0.098961177, 1.151073673),
+    );
+    let x = saturate((log2(max(inset * light, vec3f(1e-10))) + 12.47393) / 16.5);
+    let x2 = x * x;
+    let x4 = x2 * x2;
+    let curve = 15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x - 0.00232;
+    let punchy = pow(max(curve, vec3f(0.0)), vec3f(CONTRAST)) ;
+    let grey = dot(punchy, vec3f(0.2126, 0.7152, 0.0722));
+    return saturate(outset * (grey + SATURATION * (punchy - grey)));
+}
+
 @fragment
 fn fs_main(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let stored = textureLoad(scene, vec2u(position.xy), 0).rgb;
-    let x = stored / max(1.0 - max(stored.r, max(stored.g, stored.b)), 1e-3) * EXPOSURE;
-    let mapped = saturate(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14));
+    let light = stored / max(1.0 - max(stored.r, max(stored.g, stored.b)), 1e-3);
+    let mapped = pow(agx(light), vec3f(2.2));
     // A display that is not sRGB by itself gets the curve here.
     let srgb = select(1.055 * pow(mapped, vec3f(1.0 / 2.4)) - 0.055, mapped * 12.92, mapped <= vec3f(0.0031308));
     return vec4f(select(mapped, srgb, vec3<bool>(ENCODE_SRGB)), 1.0);

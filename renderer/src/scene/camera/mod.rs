@@ -5,6 +5,10 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use super::terrain;
 
+pub mod drive;
+pub mod path;
+pub mod views;
+
 /// Distance of the near plane, metres.
 const NEAR_M: f32 = 0.04;
 

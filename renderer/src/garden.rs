@@ -1,0 +1,119 @@
+//! A meadow and the device that it grows on, which outlives the device: when that is lost, another one is
+//! opened and the same library planted again. Shaders can be replaced while it stands.
+
+use common::library::Snapshot;
+
+use crate::frame::{Meadow, View};
+use crate::gpu::Gpu;
+use crate::gpu::device::{self, OpenError};
+use crate::gpu::shader::Sources;
+use crate::gpu::targets::Targets;
+
+/// The meadow on its device.
+#[derive(Debug)]
+pub struct Garden {
+    /// The device.
+    pub gpu: Gpu,
+    meadow: Meadow,
+    format: wgpu::TextureFormat,
+    library: Option<Snapshot<Vec<u8>>>,
+}
+
+/// Why shaders are not used.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct ShaderError(String);
+
+/// Why the meadow cannot go on with another device.
+#[derive(Debug, thiserror::Error)]
+pub enum MoveError {
+    /// There is none.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// It refuses the shaders.
+    #[error("the new device refuses a shader: {0}")]
+    Shader(#[from] ShaderError),
+}
+
+impl Garden {
+    /// A bare meadow on `gpu` for pictures of `format`.
+    pub fn new(gpu: Gpu, format: wgpu::TextureFormat) -> Self {
+        let meadow = Meadow::new(&gpu, format);
+        Self { gpu, meadow, format, library: None }
+    }
+
+    /// Lets this library grow from the next frame on.
+    pub fn plant<B: AsRef<[u8]>>(&mut self, library: &Snapshot<B>) {
+        self.meadow.plant(&self.gpu, library);
+        // A copy, some hundred kilobytes at most as a rule: it must be there when the device is not.
+        self.library = Snapshot::validate(library.bytes().to_vec()).ok();
+    }
+
+    /// Generation of the library that grows; 0 while the meadow is bare.
+    pub fn generation(&self) -> u64 {
+        self.library.as_ref().map_or(0, Snapshot::generation)
+    }
+
+    /// Draws one frame to `display`, a view of the size of `targets`.
+    pub fn draw(&self, targets: &Targets, view: &View, display: &wgpu::TextureView) {
+        self.meadow.draw(&self.gpu, targets, view, display);
+    }
+
+    /// Goes on with another device, which was opened because this one was lost: the same library grows, with
+    /// the same shaders, in pictures of `format`. All that was made on the old device is void.
+    ///
+    /// # Errors
+    /// When the shaders are refused by the new device.
+    pub fn move_to(&mut self, gpu: Gpu, format: wgpu::TextureFormat) -> Result<(), ShaderError> {
+        let gpu = gpu.with_shaders(self.gpu.shaders.clone());
+        let meadow = build(&gpu, format)?;
+        (self.gpu, self.meadow, self.format) = (gpu, meadow, format);
+        self.replant();
+        Ok(())
+    }
+
+    /// Opens another device, without a window, and goes on there.
+    ///
+    /// # Errors
+    /// When there is no device, or it refuses the shaders.
+    pub fn reopen(&mut self) -> Result<(), MoveError> {
+        let gpu = Gpu::open(&device::instance(), None)?;
+        Ok(self.move_to(gpu, self.format)?)
+    }
+
+    /// Draws with these shaders from the next frame on; if the device refuses one of them, with those that it
+    /// had.
+    ///
+    /// # Errors
+    /// What is wrong, with file's line and column, where they are refused.
+    pub fn replace_shaders(&mut self, shaders: Sources) -> Result<(), ShaderError> {
+        let before = std::mem::replace(&mut self.gpu.shaders, shaders);
+        match build(&self.gpu, self.format) {
+            Ok(meadow) => {
+                self.meadow = meadow;
+                self.replant();
+                Ok(())
+            }
+            Err(error) => {
+                self.gpu.shaders = before;
+                Err(error)
+            }
+        }
+    }
+
+    fn replant(&mut self) {
+        if let Some(library) = &self.library {
+            self.meadow.plant(&self.gpu, library);
+        }
+    }
+}
+
+/// A bare meadow, unless a shader is wrong.
+fn build(gpu: &Gpu, format: wgpu::TextureFormat) -> Result<Meadow, ShaderError> {
+    let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
+    let meadow = Meadow::new(gpu, format);
+    match device::ready(scope.pop()) {
+        Some(error) => Err(ShaderError(error.to_string())),
+        None => Ok(meadow),
+    }
+}
