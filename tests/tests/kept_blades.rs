@@ -160,7 +160,7 @@ fn killed_at_any_moment_it_has_every_blade_that_it_announced_and_the_picture_goe
     }
     let Meadow { pictures, libraries, .. } = meadow;
     eprintln!(
-        "{kills} kills: {} blades, all there; {pictures} pictures without a stop, {libraries} libraries received",
+        "{kills} kills, {grown} of them after something new: {} blades, all there; {pictures} pictures without a stop, {libraries} libraries received",
         library.len()
     );
     assert!(libraries > 2, "the renderer connects again and again: {libraries} libraries");
