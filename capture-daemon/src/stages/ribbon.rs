@@ -97,7 +97,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     join(mask, &mut ribbons, params);
     crossing::join(mask, &mut ribbons);
     ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
-    strip::add(mask, &mut ribbons, strips, fields, params);
+    strip::add(mask, &mut ribbons, &strips, fields, params);
     let ground = Ground::of(mask, params.down);
     let attached = stem::attach(mask, &mut ribbons, fields, &ground, params);
     tuft::gather(mask, &mut ribbons, &ground, params);
@@ -129,7 +129,12 @@ pub(super) fn tolerance_m(mask: &Mask) -> f32 {
 }
 
 /// What the outline shows of a blade; where it shows but one edge of it, that goes to `strips`.
-fn visible_stretch(mask: &Mask, part: &Part, focal_px: f32, strips: &mut Vec<Ribbon>) -> Option<Ribbon> {
+fn visible_stretch<'a>(
+    mask: &Mask,
+    part: &'a Part,
+    focal_px: f32,
+    strips: &mut Vec<&'a Part>,
+) -> Option<Ribbon> {
     let mut sections = seed(mask, part)?;
     crease::expect_if_deep(mask, &mut sections, focal_px);
     settle_roughly(mask, &mut sections, 12.0);
@@ -138,11 +143,11 @@ fn visible_stretch(mask: &Mask, part: &Part, focal_px: f32, strips: &mut Vec<Rib
     let clear = |section: &Section| section.measured.middle == Middle::Blade && section.edges_seen() == 2;
     let (first, last) = (sections.iter().position(clear), sections.iter().rposition(clear));
     let Some((first, last)) = first.zip(last).filter(|(first, last)| last - first + 1 >= MIN_SEED_PX) else {
-        strips.extend(strip::of(mask, part));
+        strips.push(part);
         return None;
     };
     if 2 * (last - first + 1) < sections.len() {
-        strips.extend(strip::of(mask, part));
+        strips.push(part);
     }
     sections.truncate(last + 1);
     sections.drain(..first);

@@ -21,7 +21,7 @@ const MAX_SLANT: f32 = 2.5;
 const MIN_WIDTH_PX: f32 = 4.0;
 
 /// The longest stretch of a part that shows one edge of a blade or both, if that is long enough to be followed.
-pub(super) fn of(mask: &Mask, part: &Part) -> Option<Ribbon> {
+fn of(mask: &Mask, part: &Part) -> Option<Ribbon> {
     let mut sections = seed(mask, part)?;
     settle_roughly(mask, &mut sections, 12.0);
     let shown = |section: &Section| section.measured.middle == Middle::Blade && section.edges_seen() > 0;
@@ -40,21 +40,41 @@ pub(super) fn of(mask: &Mask, part: &Part) -> Option<Ribbon> {
     })
 }
 
-/// Adds the strips that no ribbon has to ribbons that were followed, and joins them. O(strips · sections).
+/// Whether a ribbon passes a part in three places along it: most that look like strips are a stretch of one.
+fn is_followed(mask: &Mask, ribbons: &[Ribbon], part: &Part) -> bool {
+    const NEAR_M: f32 = 0.03;
+    let along = |points: &[Vec2], quarters: usize| points[(points.len() - 1) * quarters / 4];
+    let place = |quarters| along(&part.left.points, quarters).midpoint(along(&part.right.points, quarters));
+    [1, 2, 3].map(place).into_iter().all(|place| {
+        let Some(index) = mask.index_at(place) else { return false };
+        let passes = |section: &Section| {
+            let near_m = (section.expected.depth_m - mask.depth_m[index]).abs() < NEAR_M;
+            section.expected.mid.distance(place) < section.expected.half_px && near_m
+        };
+        ribbons.iter().any(|ribbon| ribbon.sections.iter().any(passes))
+    })
+}
+
+/// Adds the strips among `parts` that no ribbon has to ribbons that were followed, or joins them to these.
+/// O(parts · sections).
 pub(super) fn add(
     mask: &Mask,
     ribbons: &mut Vec<Ribbon>,
-    strips: Vec<Ribbon>,
+    parts: &[&Part],
     fields: &[Field],
     params: &RibbonParams,
 ) {
+    let left: Vec<&Part> = parts.iter().copied().filter(|part| !is_followed(mask, ribbons, part)).collect();
+    if left.is_empty() {
+        return;
+    }
     let mut added: Vec<Ribbon> = {
         let courses: Vec<Course> = ribbons.iter().map(|ribbon| Course::of(&ribbon.sections)).collect();
         let is_new = |strip: &Ribbon| {
             let course = Course::of(&strip.sections);
             !courses.iter().any(|longer| longer.covers(&course, mask))
         };
-        strips.into_iter().filter(is_new).collect()
+        left.into_iter().filter_map(|part| of(mask, part)).filter(is_new).collect()
     };
     if added.is_empty() {
         return;

@@ -83,16 +83,14 @@ fn what_is_hardly_seen_is_told_so() {
 #[test]
 fn what_is_not_seen_well_enough_in_a_single_frame_is_told_so() {
     // It leans away from the camera, its base and one of its edges behind another blade.
-    for (per_px, width_px, length_px) in [(2.2, 20.0, 160.0), (2.2, 24.0, 150.0), (2.2, 30.0, 150.0)] {
-        let root = DVec2::new(320.0, 340.0);
-        let leaning = Strip { root, lean: 0.1, length_px, width_px, slant: 0.0 };
-        let corners = [(310.0, 420.0), (296.0, 250.0), (306.0, 120.0), (322.0, 250.0), (330.0, 420.0)];
-        let before = corners.map(|(x, y)| DVec2::new(x, y)).to_vec();
-        let leaning = sloping(leaning.outline(), move |point| 530.0 + per_px * (340.0 - point.y));
-        let capture = capture_at_once(&[leaning, flat(before, 470.0)]).expect("something is there");
-        let codes: Vec<&str> = capture.steps.refused.iter().map(|refusal| refusal.code()).collect();
-        assert_eq!((capture.steps.blades.len(), &codes[..]), (1, &["unsure"][..]), "{width_px} px wide");
-    }
+    let root = DVec2::new(320.0, 340.0);
+    let leaning = Strip { root, lean: 0.1, length_px: 160.0, width_px: 20.0, slant: 0.0 };
+    let leaning = sloping(leaning.outline(), |point| 530.0 + 2.2 * (340.0 - point.y));
+    let corners = [(310.0, 420.0), (296.0, 250.0), (306.0, 120.0), (322.0, 250.0), (330.0, 420.0)];
+    let before = flat(corners.map(|(x, y)| DVec2::new(x, y)).to_vec(), 470.0);
+    let capture = capture_at_once(&[leaning, before]).expect("something is there");
+    let codes: Vec<&str> = capture.steps.refused.iter().map(|refusal| refusal.code()).collect();
+    assert_eq!((capture.steps.blades.len(), &codes[..]), (1, &["unsure"][..]));
 }
 
 #[test]
