@@ -136,9 +136,12 @@ impl Stage {
         // The default under X11 is Immediate, which tears.
         config.present_mode = wgpu::PresentMode::Fifo;
         surface.configure(&gpu.device, &config);
+        let mut meadow = Meadow::new(&gpu, config.format);
+        meadow.lay_out(cli.field());
+        meadow.set_detail(&gpu, cli.detail()?);
         Ok(Self {
             targets: Targets::new(&gpu, (config.width, config.height)),
-            meadow: Meadow::new(&gpu, config.format),
+            meadow,
             started: Instant::now(),
             window,
             surface,

@@ -1,7 +1,7 @@
 //! The meadow as PNG files, without a window.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
@@ -13,6 +13,8 @@ use crate::gpu::readback::{self, ReadbackError};
 use crate::gpu::targets::{self, Targets};
 use crate::gpu::{Gpu, device};
 use crate::library_watch::LibraryWatch;
+use crate::passes::cull::Detail;
+use crate::scene::grassland::field::Field;
 
 /// Pictures to a second of the meadow's time.
 const FRAMES_PER_SECOND: f32 = 30.0;
@@ -53,6 +55,16 @@ impl Studio {
         self.generation = library.generation();
     }
 
+    /// Where grass grows from the next picture on.
+    pub fn lay_out(&mut self, field: Field) {
+        self.meadow.lay_out(field);
+    }
+
+    /// How much of it is drawn from the next picture on.
+    pub fn set_detail(&mut self, detail: Detail) {
+        self.meadow.set_detail(&self.gpu, detail);
+    }
+
     /// Generation of the library that the next picture shows; 0 while the meadow is bare.
     pub fn generation(&self) -> u64 {
         self.generation
@@ -78,7 +90,10 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)
         .with_context(|| format!("cannot make the folder {} for the pictures", out.display()))?;
     let library = cli.library.as_deref().map(read_library).transpose()?;
+    let detail = cli.detail()?;
     let mut studio = Studio::open(cli.size)?;
+    studio.lay_out(cli.field());
+    studio.set_detail(detail);
     let watch = match &library {
         Some(library) => {
             studio.plant(library);
@@ -98,7 +113,8 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         let pixels = studio.draw(&cli.view(index as f32 / FRAMES_PER_SECOND * cli.time_scale))?;
         let seconds = started.elapsed().as_secs_f32();
         tracing::info!(index, seconds, generation = studio.generation(), "drawn");
-        let path = write_picture(out, index, cli.size, &pixels)?;
+        let path = out.join(format!("frame-{index:04}.png"));
+        write_picture(&path, cli.size, &pixels)?;
         writeln!(std::io::stdout(), "{}", path.display()).context("cannot write to stdout")?;
     }
     Ok(())
@@ -152,9 +168,11 @@ fn wait_for_blades(cli: &Cli, watch: &LibraryWatch, studio: &mut Studio) -> anyh
     Ok(())
 }
 
-fn write_picture(out: &Path, index: u32, size: (u32, u32), pixels: &[u8]) -> anyhow::Result<PathBuf> {
-    let path = out.join(format!("frame-{index:04}.png"));
-    image::save_buffer(&path, pixels, size.0, size.1, image::ColorType::Rgba8)
-        .with_context(|| format!("cannot write the picture {}", path.display()))?;
-    Ok(path)
+/// Writes a picture of 4 bytes a pixel.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_picture(path: &Path, size: (u32, u32), pixels: &[u8]) -> anyhow::Result<()> {
+    image::save_buffer(path, pixels, size.0, size.1, image::ColorType::Rgba8)
+        .with_context(|| format!("cannot write the picture {}", path.display()))
 }
