@@ -8,6 +8,8 @@ use crate::gpu::Gpu;
 use crate::gpu::device::{self, OpenError};
 use crate::gpu::shader::Sources;
 use crate::gpu::targets::Targets;
+use crate::passes::cull::Detail;
+use crate::scene::grassland::field::Field;
 
 /// The meadow on its device.
 #[derive(Debug)]
@@ -16,6 +18,8 @@ pub struct Garden {
     pub gpu: Gpu,
     meadow: Meadow,
     format: wgpu::TextureFormat,
+    field: Field,
+    detail: Detail,
     library: Option<Snapshot<Vec<u8>>>,
 }
 
@@ -39,7 +43,14 @@ impl Garden {
     /// A bare meadow on `gpu` for pictures of `format`.
     pub fn new(gpu: Gpu, format: wgpu::TextureFormat) -> Self {
         let meadow = Meadow::new(&gpu, format);
-        Self { gpu, meadow, format, library: None }
+        Self { gpu, meadow, format, field: Field::ENDLESS, detail: Detail::default(), library: None }
+    }
+
+    /// Where grass grows, and how much of it is drawn, from the next frame on.
+    pub fn lay_out(&mut self, field: Field, detail: Detail) {
+        (self.field, self.detail) = (field, detail);
+        self.meadow.lay_out(field);
+        self.meadow.set_detail(&self.gpu, detail);
     }
 
     /// Lets this library grow from the next frame on.
@@ -102,6 +113,7 @@ impl Garden {
     }
 
     fn replant(&mut self) {
+        self.lay_out(self.field, self.detail);
         if let Some(library) = &self.library {
             self.meadow.plant(&self.gpu, library);
         }

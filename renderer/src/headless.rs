@@ -1,7 +1,7 @@
 //! The meadow as PNG files, without a window.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
@@ -114,6 +114,8 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
     let library = cli.library.as_deref().map(read_library).transpose()?;
     let shaders = cli.shaders.as_deref().map(Sources::read).transpose()?;
     let mut studio = Studio::with_shaders(cli.size, shaders.unwrap_or_default())?;
+    let detail = cli.detail()?;
+    studio.garden().lay_out(cli.field(), detail);
     let watch = match &library {
         Some(library) => {
             studio.plant(library);
@@ -133,7 +135,8 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         let pixels = studio.draw(&cli.view(index as f32 / FRAMES_PER_SECOND * cli.time_scale))?;
         let seconds = started.elapsed().as_secs_f32();
         tracing::info!(index, seconds, generation = studio.generation(), "drawn");
-        let path = write_picture(out, index, cli.size, &pixels)?;
+        let path = out.join(format!("frame-{index:04}.png"));
+        write_picture(&path, cli.size, &pixels)?;
         writeln!(std::io::stdout(), "{}", path.display()).context("cannot write to stdout")?;
     }
     Ok(())
@@ -187,9 +190,11 @@ fn wait_for_blades(cli: &Cli, watch: &LibraryWatch, studio: &mut Studio) -> anyh
     Ok(())
 }
 
-fn write_picture(out: &Path, index: u32, size: (u32, u32), pixels: &[u8]) -> anyhow::Result<PathBuf> {
-    let path = out.join(format!("frame-{index:04}.png"));
-    image::save_buffer(&path, pixels, size.0, size.1, image::ColorType::Rgba8)
-        .with_context(|| format!("cannot write the picture {}", path.display()))?;
-    Ok(path)
+/// Writes a picture of 4 bytes a pixel.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_picture(path: &Path, size: (u32, u32), pixels: &[u8]) -> anyhow::Result<()> {
+    image::save_buffer(path, pixels, size.0, size.1, image::ColorType::Rgba8)
+        .with_context(|| format!("cannot write the picture {}", path.display()))
 }

@@ -71,8 +71,10 @@ impl Stage {
         let gpu = Gpu::open(&instance, Some(&surface))?.with_shaders(shaders);
         let config = configure(&gpu, &surface, window.inner_size())?;
         let targets = Targets::new(&gpu, (config.width, config.height));
+        let mut garden = Garden::new(gpu, config.format);
+        garden.lay_out(cli.field(), cli.detail()?);
         Ok(Self {
-            garden: Garden::new(gpu, config.format),
+            garden,
             attract: cli.kiosk.then(super::attract).transpose()?,
             surface: Some(surface),
             without_device: None,
