@@ -131,7 +131,7 @@ fn vs_main(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) 
     ribbon.normal = normal;
     ribbon.across = across;
     ribbon.side_and_height = vec2f(select(-1.0, 1.0, right), max(in_world.y - blade.root_in_world.y, 0.0));
-    ribbon.albedo = blade_albedo(along, blade.lush, hue, max(dry, dry_tip));
-    ribbon.through_gloss_sun = vec3f(1.0 - 0.6 * max(dry, dry_tip), 1.0 - 0.8 * dry, blade.sunlight);
+    ribbon.albedo = leaf.albedo;
+    ribbon.through_gloss_sun = vec3f(leaf.through, leaf.gloss, blade.sunlight);
     return ribbon;
 }
