@@ -1,6 +1,6 @@
 //! The frame: all passes in order.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 use common::library::Snapshot;
 
@@ -8,7 +8,7 @@ use crate::gpu::Gpu;
 use crate::gpu::targets::Targets;
 use crate::passes::cull::{self, Cull};
 use crate::passes::grass::{Grass, Growth};
-use crate::passes::{ground::Ground, sky::Sky, tone::Tone, world::World};
+use crate::passes::{ground::Ground, shadow, sky::Sky, tone::Tone, world::World};
 use crate::scene::camera::{Camera, frustum_planes};
 use crate::scene::grassland;
 use crate::scene::light::Light;
@@ -87,6 +87,7 @@ pub struct Meadow {
     sky: Sky,
     tone: Tone,
     growth: Option<Growth>,
+    throws_shadows: bool,
 }
 
 impl Meadow {
@@ -94,14 +95,16 @@ impl Meadow {
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
         let world = World::new(gpu);
         let layout = &world.layout;
+        let grass = Grass::new(gpu, layout);
         let patch = cull::upload_patch(gpu, &grassland::patch(PATCH_SEED));
         Self {
             cull: Cull::new(gpu, layout, &patch),
-            grass: Grass::new(gpu, layout),
-            ground: Ground::new(gpu, layout),
+            ground: Ground::new(gpu, layout, &grass.shadows.layout),
             sky: Sky::new(gpu, layout),
             tone: Tone::new(gpu, format),
             growth: None,
+            throws_shadows: true,
+            grass,
             world,
             patch,
         }
@@ -113,10 +116,16 @@ impl Meadow {
         self.growth = self.grass.plant(gpu, &self.patch, library);
     }
 
+    /// Whether blades near the eye throw shadows; they do at first. Without, light is taken by height alone.
+    pub fn set_shadows(&mut self, thrown: bool) {
+        self.throws_shadows = thrown;
+    }
+
     /// Draws one frame to `display`, a view of the size of `targets`.
     pub fn draw(&self, gpu: &Gpu, targets: &Targets, view: &View, display: &wgpu::TextureView) {
         let uniform = view.uniform(targets.size, self.growth.is_some());
-        self.world.write(gpu, &uniform, &Light::new(view.sun_rad));
+        let light = Light::new(view.sun_rad);
+        self.world.write(gpu, &uniform, &light);
         let mut encoder =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
 
@@ -124,8 +133,17 @@ impl Meadow {
             let window = cull::window(uniform.eye_in_world, growth.reach_m);
             self.cull.encode(gpu, &mut encoder, &self.world.bindings, window);
         }
+        match &self.growth {
+            Some(growth) if self.throws_shadows && light.sun != Vec3::ZERO => {
+                let place = shadow::place(&view.camera, light.to_sun);
+                let grown = (&self.grass, growth, &self.cull);
+                self.grass.shadows.draw(gpu, &mut encoder, place, &uniform, &light, grown);
+            }
+            _ => self.grass.shadows.skip(gpu),
+        }
         let mut scene = begin_scene(&mut encoder, targets);
         scene.set_bind_group(0, &self.world.bindings, &[]);
+        scene.set_bind_group(2, &self.grass.shadows.bindings, &[]);
         if let Some(growth) = &self.growth {
             self.grass.draw(&mut scene, growth, &self.cull);
         }

@@ -17,6 +17,7 @@ pub struct Garden {
     meadow: Meadow,
     format: wgpu::TextureFormat,
     library: Option<Snapshot<Vec<u8>>>,
+    shadows: bool,
 }
 
 /// Why shaders are not used.
@@ -39,7 +40,7 @@ impl Garden {
     /// A bare meadow on `gpu` for pictures of `format`.
     pub fn new(gpu: Gpu, format: wgpu::TextureFormat) -> Self {
         let meadow = Meadow::new(&gpu, format);
-        Self { gpu, meadow, format, library: None }
+        Self { gpu, meadow, format, library: None, shadows: true }
     }
 
     /// Lets this library grow from the next frame on.
@@ -47,6 +48,12 @@ impl Garden {
         self.meadow.plant(&self.gpu, library);
         // A copy, some hundred kilobytes at most as a rule: it must be there when the device is not.
         self.library = Snapshot::validate(library.bytes().to_vec()).ok();
+    }
+
+    /// Whether blades near the eye throw shadows, which costs about as much again as drawing them.
+    pub fn set_shadows(&mut self, thrown: bool) {
+        self.shadows = thrown;
+        self.meadow.set_shadows(thrown);
     }
 
     /// Generation of the library that grows; 0 while the meadow is bare.
@@ -102,6 +109,7 @@ impl Garden {
     }
 
     fn replant(&mut self) {
+        self.meadow.set_shadows(self.shadows);
         if let Some(library) = &self.library {
             self.meadow.plant(&self.gpu, library);
         }

@@ -6,6 +6,7 @@ use renderer::frame::gpu_data::Frame;
 use renderer::gpu::shader::{PASSES, Sources};
 use renderer::passes::cull::gpu_data::{Draw, Instance, Window};
 use renderer::passes::grass::gpu_data::Shape;
+use renderer::passes::shadow::gpu_data::Shadow;
 use renderer::scene::grassland::PatchBlade;
 use renderer::scene::light::Light;
 
@@ -83,6 +84,9 @@ fn structs_lie_in_memory_as_in_rust() {
             module,
             Light { perez, zenith_over_perez, haze, fill, sun, exposure, to_sun, shadow_slope }
         );
+    }
+    for module in [&grass, &module_of("ground")] {
+        check_layout!(module, Shadow { map_from_world, strength, texel_m, _pad_0, _pad_1 });
     }
     check_layout!(&cull, Window { first_tile_x, first_tile_z, side, reach_m });
     check_layout!(&cull, Instance { root_in_world, blade_and_lushness, bend_rad, presence, widen });

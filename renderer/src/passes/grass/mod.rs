@@ -5,6 +5,7 @@ use wgpu::BufferUsages;
 
 use super::ScenePipeline;
 use super::cull::{Cull, LEVELS, gpu_data::Instance};
+use super::shadow::Shadows;
 use crate::gpu::Gpu;
 use crate::gpu::buffers::{Use, bind, layout, upload};
 use crate::scene::grassland;
@@ -25,6 +26,8 @@ pub mod gpu_data {
 }
 use gpu_data::Shape;
 
+/// Levels of detail, from the nearest, that throw shadows: as far as the map of shadows reaches.
+const SHADOW_LEVELS: u32 = 2;
 /// How much taller than its captured shape a blade may grow: scale and lushness together.
 const MAX_GROWTH: f32 = grassland::SCALE.1 * 1.08;
 
@@ -42,22 +45,31 @@ pub struct Grass {
     pipeline: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
     indices: wgpu::Buffer,
+    /// The shadows that it throws.
+    pub shadows: Shadows,
+}
+
+/// How an instance lies in its buffer.
+fn instances() -> wgpu::VertexBufferLayout<'static> {
+    const ATTRIBUTES: [wgpu::VertexAttribute; 5] = wgpu::vertex_attr_array![
+        0 => Float32x3, 1 => Uint32, 2 => Float32x2, 3 => Float32, 4 => Float32
+    ];
+    wgpu::VertexBufferLayout {
+        array_stride: size_of::<Instance>() as u64,
+        step_mode: wgpu::VertexStepMode::Instance,
+        attributes: &ATTRIBUTES,
+    }
 }
 
 impl Grass {
     /// The pass, with the frame's layout.
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout) -> Self {
         let layout = layout(gpu, "grass", wgpu::ShaderStages::VERTEX, &[Use::Read; 4]);
+        let shadows = Shadows::new(gpu, &layout, instances());
         let pipeline = ScenePipeline {
             pass: "grass",
-            layouts: &[Some(frame), Some(&layout)],
-            buffers: &[Some(wgpu::VertexBufferLayout {
-                array_stride: size_of::<Instance>() as u64,
-                step_mode: wgpu::VertexStepMode::Instance,
-                attributes: &wgpu::vertex_attr_array![
-                    0 => Float32x3, 1 => Uint32, 2 => Float32x2, 3 => Float32, 4 => Float32
-                ],
-            })],
+            layouts: &[Some(frame), Some(&layout), Some(&shadows.layout)],
+            buffers: &[Some(instances())],
             topology: wgpu::PrimitiveTopology::TriangleList,
             depth: (wgpu::CompareFunction::Greater, true),
         };
@@ -65,7 +77,7 @@ impl Grass {
         let indices: Vec<u16> =
             (0..rows as u16 - 1).flat_map(|row| [0, 1, 2, 2, 1, 3].map(|corner| 2 * row + corner)).collect();
         let indices = upload(gpu, "grass.indices", BufferUsages::INDEX, bytemuck::cast_slice(&indices));
-        Self { pipeline: pipeline.create(gpu), layout, indices }
+        Self { pipeline: pipeline.create(gpu), layout, indices, shadows }
     }
 
     /// Puts a library on the GPU; its knot bytes go there unchanged. `None`: nothing in it grows.
@@ -99,12 +111,21 @@ impl Grass {
         Some(Growth { bindings, reach_m: reach_m * MAX_GROWTH })
     }
 
-    /// Draws what `cull` let through, all levels with one indirect draw; the frame is bound.
+    /// Draws what `cull` let through, all levels with one indirect draw; frame and shadows are bound.
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, growth: &Growth, cull: &Cull) {
         pass.set_pipeline(&self.pipeline);
+        self.draw_levels(pass, growth, cull, LEVELS.len() as u32);
+    }
+
+    /// Draws the levels that throw shadows, with the pipeline that is set.
+    pub fn draw_near(&self, pass: &mut wgpu::RenderPass<'_>, growth: &Growth, cull: &Cull) {
+        self.draw_levels(pass, growth, cull, SHADOW_LEVELS);
+    }
+
+    fn draw_levels(&self, pass: &mut wgpu::RenderPass<'_>, growth: &Growth, cull: &Cull, levels: u32) {
         pass.set_bind_group(1, &growth.bindings, &[]);
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint16);
         pass.set_vertex_buffer(0, cull.instances.slice(..));
-        pass.multi_draw_indexed_indirect(&cull.draws, 0, LEVELS.len() as u32);
+        pass.multi_draw_indexed_indirect(&cull.draws, 0, levels);
     }
 }
