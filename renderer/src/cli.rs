@@ -120,6 +120,10 @@ pub struct Cli {
     #[arg(long, value_name = "DEG,DEG", default_value = "46,24", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun_deg: Vec2,
 
+    /// Whether blades near the eye throw shadows on each other; auto: unless a window is drawn in software
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t = Shadows::Auto)]
+    pub shadows: Shadows,
+
     /// A folder like renderer/src/passes whose shaders take the place of those built in, also when they change
     /// later; for development
     #[arg(long, value_name = "DIR")]
@@ -154,6 +158,17 @@ pub enum Verb {
     ///
     /// Example: sward-render bench --library meadow.sward --json
     Bench(BenchArgs),
+}
+
+/// When blades throw shadows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Shadows {
+    /// Unless a window is drawn in software
+    Auto,
+    /// Always
+    On,
+    /// Never
+    Off,
 }
 
 impl Cli {

@@ -1,6 +1,6 @@
 //! The frame: all passes in order.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 use common::library::Snapshot;
 
@@ -9,7 +9,7 @@ use crate::gpu::targets::Targets;
 use crate::gpu::timing::Timing;
 use crate::passes::cull::{self, Cull, Detail};
 use crate::passes::grass::{Grass, Growth};
-use crate::passes::{ground::Ground, sky::Sky, tone::Tone, world::World};
+use crate::passes::{ground::Ground, shadow, sky::Sky, tone::Tone, world::World};
 use crate::scene::camera::{Camera, frustum_planes};
 use crate::scene::grassland::{self, field::Field, shapes, shapes::Shapes};
 use crate::scene::light::Light;
@@ -42,10 +42,10 @@ pub mod gpu_data {
         pub pixel_rad: f32,
         /// Whether anything grows, 0 or 1.
         pub grows: u32,
-        /// Padding.
-        pub _pad_0: u32,
-        /// Padding.
-        pub _pad_1: u32,
+        /// Size of a pixel, metres at the blades, up to which every blade is drawn.
+        pub full_pixel_m: f32,
+        /// How far blades are drawn, metres.
+        pub range_m: f32,
     }
 }
 
@@ -61,7 +61,7 @@ pub struct View {
 }
 
 impl View {
-    /// The frame's uniform for a picture of `size` pixels.
+    /// The frame's uniform for a picture of `size` pixels; how much is drawn is for the plan to say.
     pub fn uniform(&self, size: (u32, u32), grows: bool) -> gpu_data::Frame {
         let (width, height) = (size.0.max(1) as f32, size.1.max(1) as f32);
         let clip_from_world = self.camera.clip_from_world(width / height);
@@ -73,8 +73,8 @@ impl View {
             time_s: self.time_s,
             pixel_rad: 2.0 * (self.camera.fov_y_rad * 0.5).tan() / height,
             grows: u32::from(grows),
-            _pad_0: 0,
-            _pad_1: 0,
+            full_pixel_m: 0.0,
+            range_m: 0.0,
         }
     }
 }
@@ -97,6 +97,7 @@ pub struct Meadow {
     swapped: f32,
     cull_bindings: wgpu::BindGroup,
     grass_bindings: wgpu::BindGroup,
+    throws_shadows: bool,
 }
 
 impl Meadow {
@@ -111,10 +112,11 @@ impl Meadow {
         Self {
             field: Field::ENDLESS,
             detail: Detail::default(),
-            ground: Ground::new(gpu, layout),
+            ground: Ground::new(gpu, layout, &grass.shadows.layout),
             sky: Sky::new(gpu, layout),
             tone: Tone::new(gpu, format),
             swapped: 1.0,
+            throws_shadows: true,
             cull_bindings: cull.bind(gpu, &patch, &now.shares, &before.shares),
             grass_bindings: grass.bind(gpu, &cull, &now, &before),
             cull,
@@ -175,6 +177,11 @@ impl Meadow {
         &self.cull
     }
 
+    /// Whether blades near the eye throw shadows; they do at first. Without, light is taken by height alone.
+    pub fn set_shadows(&mut self, thrown: bool) {
+        self.throws_shadows = thrown;
+    }
+
     /// Draws one frame to `display`, a view of the size of `targets`.
     pub fn draw(&self, gpu: &Gpu, targets: &Targets, view: &View, display: &wgpu::TextureView) {
         self.draw_timed(gpu, targets, view, display, None);
@@ -190,19 +197,32 @@ impl Meadow {
         timing: Option<&Timing>,
     ) {
         let grows = self.now.grows() || (self.swapped < 0.5 && self.before.grows());
-        let uniform = view.uniform(targets.size, grows);
-        self.world.write(gpu, &uniform, &Light::new(view.sun_rad));
+        let mut uniform = view.uniform(targets.size, grows);
+        let light = Light::new(view.sun_rad);
+        let reach_m = self.now.reach_m.max(self.before.reach_m);
+        let plan = cull::plan(&uniform, &self.field, self.detail, reach_m, self.swapped);
+        (uniform.full_pixel_m, uniform.range_m) = match plan.survey.everything {
+            0 => (plan.survey.full_pixel_m, plan.survey.range_m),
+            _ => (f32::MAX, f32::MAX),
+        };
+        self.world.write(gpu, &uniform, &light);
         let mut encoder =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
 
         let grass_shows = self.now.grows() || (self.is_growing() && self.before.grows());
         if grass_shows {
-            let reach_m = self.now.reach_m.max(self.before.reach_m);
-            let plan = cull::plan(&uniform, &self.field, self.detail, reach_m, self.swapped);
             self.cull.encode(gpu, &mut encoder, &self.world.bindings, &self.cull_bindings, &plan, timing);
+        }
+        if grass_shows && self.throws_shadows && light.sun != Vec3::ZERO {
+            let place = shadow::place(&view.camera, light.to_sun);
+            let grown = (&self.grass, &self.grass_bindings, &self.cull);
+            self.grass.shadows.draw(gpu, &mut encoder, place, &uniform, &light, grown, timing);
+        } else {
+            self.grass.shadows.skip(gpu);
         }
         let mut scene = begin_scene(&mut encoder, targets, timing);
         scene.set_bind_group(0, &self.world.bindings, &[]);
+        scene.set_bind_group(2, &self.grass.shadows.bindings, &[]);
         if grass_shows {
             self.grass.draw(&mut scene, &self.grass_bindings, &self.cull);
         }

@@ -21,6 +21,7 @@ pub struct Garden {
     field: Field,
     detail: Detail,
     library: Option<Snapshot<Vec<u8>>>,
+    shadows: bool,
 }
 
 /// Why shaders are not used.
@@ -43,7 +44,15 @@ impl Garden {
     /// A bare meadow on `gpu` for pictures of `format`.
     pub fn new(gpu: Gpu, format: wgpu::TextureFormat) -> Self {
         let meadow = Meadow::new(&gpu, format);
-        Self { gpu, meadow, format, field: Field::ENDLESS, detail: Detail::default(), library: None }
+        Self {
+            gpu,
+            meadow,
+            format,
+            field: Field::ENDLESS,
+            detail: Detail::default(),
+            library: None,
+            shadows: true,
+        }
     }
 
     /// Where grass grows, and how much of it is drawn, from the next frame on.
@@ -58,6 +67,12 @@ impl Garden {
         self.meadow.plant(&self.gpu, library);
         // A copy, some hundred kilobytes at most as a rule: it must be there when the device is not.
         self.library = Snapshot::validate(library.bytes().to_vec()).ok();
+    }
+
+    /// Whether blades near the eye throw shadows, which costs about as much again as drawing them.
+    pub fn set_shadows(&mut self, thrown: bool) {
+        self.shadows = thrown;
+        self.meadow.set_shadows(thrown);
     }
 
     /// Generation of the library that grows; 0 while the meadow is bare.
@@ -114,6 +129,7 @@ impl Garden {
 
     fn replant(&mut self) {
         self.lay_out(self.field, self.detail);
+        self.meadow.set_shadows(self.shadows);
         if let Some(library) = &self.library {
             self.meadow.plant(&self.gpu, library);
         }

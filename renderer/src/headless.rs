@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use common::library::Snapshot;
 
-use crate::cli::Cli;
+use crate::cli::{Cli, Shadows};
 use crate::frame::View;
 use crate::garden::Garden;
 use crate::gpu::readback::{self, ReadbackError};
@@ -37,15 +37,7 @@ impl Studio {
     /// # Errors
     /// When there is no Vulkan device.
     pub fn open(size: (u32, u32)) -> Result<Self, device::OpenError> {
-        Self::with_shaders(size, Sources::default())
-    }
-
-    /// The same, with these shaders.
-    ///
-    /// # Errors
-    /// When there is no Vulkan device.
-    pub fn with_shaders(size: (u32, u32), shaders: Sources) -> Result<Self, device::OpenError> {
-        let gpu = Gpu::open(&device::instance(), None)?.with_shaders(shaders);
+        let gpu = Gpu::open(&device::instance(), None)?;
         let (targets, picture) = Self::targets(&gpu, size);
         Ok(Self { garden: Garden::new(gpu, FORMAT), targets, picture })
     }
@@ -112,10 +104,14 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)
         .with_context(|| format!("cannot make the folder {} for the pictures", out.display()))?;
     let library = cli.library.as_deref().map(read_library).transpose()?;
-    let shaders = cli.shaders.as_deref().map(Sources::read).transpose()?;
-    let mut studio = Studio::with_shaders(cli.size, shaders.unwrap_or_default())?;
+    let mut studio = Studio::open(cli.size)?;
     let detail = cli.detail()?;
     studio.garden().lay_out(cli.field(), detail);
+    studio.garden().set_shadows(cli.shadows != Shadows::Off);
+    if let Some(folder) = &cli.shaders {
+        let refused = || format!("the shaders in {} are refused", folder.display());
+        studio.garden().replace_shaders(Sources::read(folder)?).with_context(refused)?;
+    }
     let watch = match &library {
         Some(library) => {
             studio.plant(library);

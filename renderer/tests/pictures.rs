@@ -9,6 +9,7 @@ use ::common::library::Snapshot;
 use glam::Vec2;
 use renderer::frame::View;
 use renderer::gpu::device::OpenError;
+use renderer::gpu::shader::Sources;
 use renderer::headless::Studio;
 use renderer::scene::camera::Camera;
 
@@ -88,4 +89,72 @@ fn a_new_library_goes_live_whole() {
     swapped.plant(&library(3, &[]));
     let bare = swapped.draw(&view()).expect("a picture");
     assert!(green_pixels(&bare) < green_pixels(&picture_of_b) / 2, "the last blade can be taken away too");
+}
+#[test]
+fn a_lost_device_is_replaced_and_the_meadow_stays() {
+    let Some(mut studio) = or_skip(Studio::open(SIZE)) else { return };
+    studio.plant(&library(5, &[0, 1, 3]));
+    let before = studio.draw(&view()).expect("a picture");
+    for _ in 0..2 {
+        let gpu = &studio.garden().gpu;
+        gpu.device.destroy();
+        gpu.device.poll(wgpu::PollType::Poll).ok();
+        assert!(gpu.is_lost(), "the driver says so");
+        let after = studio.draw(&view()).expect("a picture of the new device");
+        assert!(after == before, "the same meadow");
+        assert_eq!(studio.generation(), 5);
+    }
+}
+
+#[test]
+fn changed_shaders_are_used_and_wrong_ones_are_not() {
+    let Some(mut studio) = or_skip(Studio::open(SIZE)) else { return };
+    studio.plant(&library(1, &[0]));
+    let before = studio.draw(&view()).expect("a picture");
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("sky/sky.wgsl");
+    std::fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+    let good = include_str!("../src/passes/sky/sky.wgsl");
+    let red = good.replace("return stored(colour);", "return vec4f(0.4, 0.0, 0.0, 1.0);");
+    assert_ne!(red, good);
+    for (text, accepted) in
+        [(red.as_str(), true), ("fn fs_main( {", false), (&red.replace("frame.", "phrame."), false)]
+    {
+        std::fs::write(&file, text).expect("written");
+        let sources = Sources::read(folder.path()).expect("readable");
+        let result = studio.garden().replace_shaders(sources);
+        match result {
+            Ok(()) => assert!(accepted, "{text:.60} is taken"),
+            Err(error) => {
+                assert!(!accepted, "{text:.60} is refused: {error}");
+                assert!(error.to_string().len() > 20, "it says what is wrong: {error}");
+            }
+        }
+        let picture = studio.draw(&view()).expect("a picture");
+        let reds = picture
+            .chunks_exact(4)
+            .filter(|p| p[0] > p[1].saturating_add(50) && p[0] > p[2].saturating_add(50))
+            .count();
+        assert!(reds > 1000, "the last good sky stays: {reds} red pixels");
+        assert_ne!(picture, before);
+    }
+    assert!(Sources::read(&folder.path().join("nowhere")).is_err());
+}
+
+#[test]
+fn blades_throw_shadows_on_each_other() {
+    let Some(mut studio) = or_skip(Studio::open(SIZE)) else { return };
+    studio.plant(&Snapshot::validate(common::meadow(1)).expect("valid"));
+    let mut low = view();
+    low.sun_rad.y = 0.5;
+    let with = studio.draw(&low).expect("a picture");
+    studio.garden().set_shadows(false);
+    let without = studio.draw(&low).expect("a picture");
+    let brightness =
+        |picture: &[u8]| picture.iter().map(|value| f64::from(*value)).sum::<f64>() / picture.len() as f64;
+    let differing = with.iter().zip(&without).filter(|(a, b)| a.abs_diff(**b) > 12).count();
+    assert!(differing > with.len() / 50, "{differing} values differ");
+    // Near map and far formula take about the same light, or the map's end would be seen.
+    let (with, without) = (brightness(&with), brightness(&without));
+    assert!((with / without - 1.0).abs() < 0.08, "{with} with, {without} without");
 }

@@ -6,6 +6,7 @@ use renderer::frame::gpu_data::Frame;
 use renderer::gpu::shader::{PASSES, Sources};
 use renderer::passes::cull::gpu_data::{Chunk, Counts, Draw, Instance, Share, Slot, Survey};
 use renderer::passes::grass::gpu_data::{ShapeKnot, SimulatedKnot};
+use renderer::passes::shadow::gpu_data::Shadow;
 use renderer::scene::grassland::PatchBlade;
 use renderer::scene::grassland::field::Block;
 use renderer::scene::light::Light;
@@ -72,8 +73,8 @@ fn structs_lie_in_memory_as_in_rust() {
                 time_s,
                 pixel_rad,
                 grows,
-                _pad_0,
-                _pad_1,
+                full_pixel_m,
+                range_m,
             }
         );
     }
@@ -82,6 +83,9 @@ fn structs_lie_in_memory_as_in_rust() {
             module,
             Light { perez, zenith_over_perez, haze, fill, sun, exposure, to_sun, shadow_slope }
         );
+    }
+    for module in [&grass, &module_of("ground")] {
+        check_layout!(module, Shadow { map_from_world, strength, texel_m, _pad_0, _pad_1 });
     }
     for module in [&tiles, &blades, &args] {
         check_layout!(

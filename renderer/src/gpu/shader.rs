@@ -28,6 +28,7 @@ const FILES: &[(&str, &str)] = &built_in![
     "ground/ground.wgsl",
     "leaf.wgsl",
     "light.wgsl",
+    "shadow/shadow.wgsl",
     "sky/sky.wgsl",
     "tone/tone.wgsl",
     "wind.wgsl",
@@ -40,9 +41,20 @@ pub const PASSES: [(&str, &[&str]); 7] = [
     ("cull.args", &["common.wgsl", "cull/survey.wgsl", "cull/args.wgsl"]),
     (
         "grass",
-        &["common.wgsl", "wind.wgsl", "light.wgsl", "leaf.wgsl", "grass/grass.wgsl", "grass/light.wgsl"],
+        &[
+            "common.wgsl",
+            "wind.wgsl",
+            "light.wgsl",
+            "leaf.wgsl",
+            "shadow/shadow.wgsl",
+            "grass/grass.wgsl",
+            "grass/light.wgsl",
+        ],
     ),
-    ("ground", &["common.wgsl", "light.wgsl", "leaf.wgsl", "ground/ground.wgsl"]),
+    (
+        "ground",
+        &["common.wgsl", "wind.wgsl", "light.wgsl", "leaf.wgsl", "shadow/shadow.wgsl", "ground/ground.wgsl"],
+    ),
     ("sky", &["common.wgsl", "light.wgsl", "sky/sky.wgsl"]),
     ("tone", &["tone/tone.wgsl"]),
 ];

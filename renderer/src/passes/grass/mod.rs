@@ -5,6 +5,7 @@ use wgpu::BufferUsages;
 use super::ScenePipeline;
 use super::cull::gpu_data::Share;
 use super::cull::{Cull, NO_SHAPE, upload_shares};
+use super::shadow::Shadows;
 use crate::gpu::Gpu;
 use crate::gpu::buffers::{Use, bind, layout, upload};
 use crate::scene::grassland::SHAPES;
@@ -27,6 +28,9 @@ pub mod gpu_data {
         pub _pad_0: u32,
     }
 }
+
+/// Levels of detail, from the nearest, that throw shadows: as far as the map of shadows reaches.
+const SHADOW_LEVELS: u32 = 2;
 
 /// A library on the GPU, whole and unchanging: a newer one is another value.
 #[derive(Debug)]
@@ -71,15 +75,18 @@ pub struct Grass {
     layout: wgpu::BindGroupLayout,
     indices: wgpu::Buffer,
     simulated: wgpu::Buffer,
+    /// The shadows that it throws.
+    pub shadows: Shadows,
 }
 
 impl Grass {
     /// The pass, with the frame's layout.
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout) -> Self {
         let layout = layout(gpu, "grass", wgpu::ShaderStages::VERTEX, &[Use::Read; 5]);
+        let shadows = Shadows::new(gpu, &layout);
         let pipeline = ScenePipeline {
             pass: "grass",
-            layouts: &[Some(frame), Some(&layout)],
+            layouts: &[Some(frame), Some(&layout), Some(&shadows.layout)],
             buffers: &[],
             topology: wgpu::PrimitiveTopology::TriangleList,
             depth: (wgpu::CompareFunction::Greater, true),
@@ -94,6 +101,7 @@ impl Grass {
             layout,
             indices: upload(gpu, "grass.indices", BufferUsages::INDEX, bytemuck::cast_slice(&indices)),
             simulated: upload(gpu, "grass.simulated", BufferUsages::STORAGE, &simulated),
+            shadows,
         }
     }
 
@@ -103,12 +111,27 @@ impl Grass {
         bind(gpu, "grass", &self.layout, &buffers)
     }
 
-    /// Draws what `cull` let through, one indirect draw a level; the frame is bound, `bindings` are those of
-    /// [`Grass::bind`].
+    /// Draws what `cull` let through, one indirect draw a level; frame and shadows are bound, `bindings` are
+    /// those of [`Grass::bind`].
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, bindings: &wgpu::BindGroup, cull: &Cull) {
         pass.set_pipeline(&self.pipeline);
+        self.draw_levels(pass, bindings, cull, LEVELS as u32);
+    }
+
+    /// Draws the levels that throw shadows, with the pipeline that is set.
+    pub fn draw_near(&self, pass: &mut wgpu::RenderPass<'_>, bindings: &wgpu::BindGroup, cull: &Cull) {
+        self.draw_levels(pass, bindings, cull, SHADOW_LEVELS);
+    }
+
+    fn draw_levels(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        bindings: &wgpu::BindGroup,
+        cull: &Cull,
+        levels: u32,
+    ) {
         pass.set_bind_group(1, bindings, &[]);
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint16);
-        pass.multi_draw_indexed_indirect(&cull.draws, 0, LEVELS as u32);
+        pass.multi_draw_indexed_indirect(&cull.draws, 0, levels);
     }
 }
