@@ -72,6 +72,12 @@ fn blades_make_the_picture_green() {
     assert!(grown.chunks_exact(4).all(|p| p[3] == 255));
 }
 
+/// Whether two pictures show the same: the GPU's order of blades is its own, which few pixels tell.
+fn alike(a: &[u8], b: &[u8]) -> bool {
+    let differing = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 8).count();
+    a.len() == b.len() && differing * 2000 < a.len()
+}
+
 #[test]
 fn a_new_library_goes_live_whole() {
     let (Some(mut swapped), Some(mut fresh)) = (or_skip(Studio::open(SIZE)), or_skip(Studio::open(SIZE)))
@@ -84,8 +90,8 @@ fn a_new_library_goes_live_whole() {
     swapped.plant(&b);
     let picture_of_b = swapped.draw(&view()).expect("a picture");
     fresh.plant(&b);
-    assert!(picture_of_b == fresh.draw(&view()).expect("a picture"), "nothing of the old library is left");
-    assert!(picture_of_b != picture_of_a);
+    assert!(alike(&picture_of_b, &fresh.draw(&view()).expect("a picture")), "nothing of the old library is left");
+    assert!(!alike(&picture_of_b, &picture_of_a));
     swapped.plant(&library(3, &[]));
     let bare = swapped.draw(&view()).expect("a picture");
     assert!(green_pixels(&bare) < green_pixels(&picture_of_b) / 2, "the last blade can be taken away too");
@@ -101,7 +107,7 @@ fn a_lost_device_is_replaced_and_the_meadow_stays() {
         gpu.device.poll(wgpu::PollType::Poll).ok();
         assert!(gpu.is_lost(), "the driver says so");
         let after = studio.draw(&view()).expect("a picture of the new device");
-        assert!(after == before, "the same meadow");
+        assert!(alike(&after, &before), "the same meadow");
         assert_eq!(studio.generation(), 5);
     }
 }

@@ -41,11 +41,11 @@ pub struct BenchArgs {
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub frames: u32,
 
-    /// Number of changes of the library to look at, 0 to 1000
+    /// Changes of the library to look at, a whole number from 0 to 1000
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(0..=1000))]
     pub swaps: u32,
 
-    /// Number of steps of the camera to look at, 0 to 1000
+    /// Steps of the camera to look at, a whole number from 0 to 1000
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=1000))]
     pub steps: u32,
 
