@@ -6,7 +6,7 @@ ONLY ?=
 PUBLISHES ?= 100000
 KILLS ?= 1000
 
-.PHONY: help demo test bench figures soak fuzz recordings goldens
+.PHONY: help demo test bench figures soak fuzz recordings goldens pictures
 
 help:
 	@echo 'make demo   grow a meadow from a shipped recording: in a window, else in picture files (demo-out/)'
@@ -15,6 +15,7 @@ help:
 	@echo 'make fuzz   recordings, configurations, previews and depth that nobody would make, SECONDS=60 of each kind;'
 	@echo '            START=case goes on behind the cases that were run before'
 	@echo 'make recordings   the shipped recordings anew, with their truth and checksums'
+	@echo 'make pictures   the pictures of renderer/docs anew (minutes)'
 	@echo 'make goldens   the pictures that the tests of the renderer expect, anew; look at them before they are kept'
 	@echo 'make bench  times of the stages beside OpenCV, and the memory of a long replay'
 	@echo 'make figures   latency from frame to picture, publishing, processor time and start, as a table (6 min);'
@@ -38,6 +39,9 @@ figures:
 
 soak:
 	@.ci/soak $(PUBLISHES) $(KILLS)
+
+pictures:
+	@.ci/pictures
 
 goldens:
 	@.ci/goldens

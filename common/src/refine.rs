@@ -93,6 +93,39 @@ pub fn refine(skeleton: &[Knot], motion: &Motion, params: &RefineParams) -> Refi
     Refined { hausdorff_m: distance::hausdorff(&midrib, &refined), knots }
 }
 
+/// A blade at a level of detail: some of its knots, root and tip among them.
+pub type Level = Vec<usize>;
+
+/// The levels of detail of a blade, fine to coarse: for each of `counts` (falling, ≥ 2) the indices, ascending,
+/// of the knots of `skeleton` (≥ 2) that stay, each level's among those of the level before, so that one turns
+/// into the next by knots that move onto the straight line between their neighbours. A level that asks for no
+/// fewer knots than there are has them all.
+///
+/// `motion` and `distance_weight` as for [`refine`]; knots are kept as [`RefineMethod::Fit`] does. Each level is
+/// measured against the whole skeleton's motion at the knots that the level before has kept.
+/// O(levels · n·log n·frames).
+///
+/// # Panics
+/// When a frame of `motion` has another number of vertices than the skeleton.
+pub fn levels(skeleton: &[Knot], motion: &Motion, distance_weight: f32, counts: &[usize]) -> Vec<Level> {
+    assert!(motion.iter().all(|frame| frame.len() == skeleton.len()), "each frame shows every vertex");
+    let mut finer: Level = (0..skeleton.len()).collect();
+    counts
+        .iter()
+        .map(|count| {
+            let count = (*count).max(2);
+            if count < finer.len() {
+                let knots: Vec<Knot> = finer.iter().map(|index| skeleton[*index]).collect();
+                let motion: Motion =
+                    motion.iter().map(|frame| finer.iter().map(|index| frame[*index]).collect()).collect();
+                let kept = fit::keep(&knots, &motion, distance_weight, count);
+                finer = kept.into_iter().map(|index| finer[index]).collect();
+            }
+            finer.clone()
+        })
+        .collect()
+}
+
 /// Algorithm 1: merges neighbours until `count` are left.
 fn merge(skeleton: &[Knot], motion: &Motion, distance_weight: f32, count: usize) -> Vec<Knot> {
     let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
@@ -232,6 +265,18 @@ mod tests {
         );
         assert_eq!(fitted.knots[1], skeleton[20]);
         assert!(fitted.hausdorff_m < 1e-6, "{}", fitted.hausdorff_m);
+    }
+
+    #[test]
+    fn each_level_keeps_some_of_the_knots_of_the_level_before() {
+        let skeleton = skeleton(40);
+        let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
+        let levels = levels(&skeleton, &motion_in_wind(&midrib, 8), 0.5, &[64, 16, 8, 4, 2]);
+        assert_eq!(levels.iter().map(Vec::len).collect::<Vec<_>>(), [40, 16, 8, 4, 2]);
+        for pair in levels.windows(2) {
+            assert!(pair[1].iter().all(|index| pair[0].contains(index)), "{pair:?}");
+            assert!(pair[1].is_sorted() && pair[1][0] == 0 && pair[1].ends_with(&[39]), "{pair:?}");
+        }
     }
 
     #[test]

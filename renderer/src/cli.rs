@@ -7,10 +7,13 @@ use common::library::layout::MAX_BLADES;
 use common::manual::Shell;
 use glam::Vec2;
 
+use crate::bench::BenchArgs;
 use crate::frame::View;
+use crate::passes::cull::{Detail, NAIVE_TILES};
 use crate::scene::camera::Camera;
 use crate::scene::camera::path::Path;
 use crate::scene::camera::views::NamedView;
+use crate::scene::grassland::field::Field;
 use crate::scene::sky;
 
 /// Side of the field that [`NamedView`] looks at, metres: 14,926 tiles, as in Fan & Sheng.
@@ -32,8 +35,12 @@ const FIELD_M: f32 = 22.0;
 ///
 /// Example: sward-render --headless --out pictures --frames 30 --wait-blades 1
 #[derive(Clone, Debug, Parser)]
-#[command(name = "sward-render", version, max_term_width = 100)]
+#[command(name = "sward-render", version, max_term_width = 100, args_conflicts_with_subcommands = true)]
 pub struct Cli {
+    /// Something else than to show the meadow
+    #[command(subcommand)]
+    pub verb: Option<Verb>,
+
     /// The capture station's socket; new blades grow as soon as they are captured
     #[arg(long, value_name = "PATH", env = "SWARD_SOCKET", default_value = "/run/sward/station.sock")]
     pub socket: PathBuf,
@@ -113,10 +120,23 @@ pub struct Cli {
     #[arg(long, value_name = "DEG,DEG", default_value = "46,24", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun_deg: Vec2,
 
+    /// Whether blades near the eye throw shadows on each other; auto: unless a window is drawn in software
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t = Shadows::Auto)]
+    pub shadows: Shadows,
+
     /// A folder like renderer/src/passes whose shaders take the place of those built in, also when they change
     /// later; for development
     #[arg(long, value_name = "DIR")]
     pub shaders: Option<PathBuf>,
+
+    /// Tiles of the field, each 18 cm along a side with 64 blades, 1 to 4000000000; the paper's field has 14926.
+    /// Without it, the field has no end that can be seen
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4_000_000_000))]
+    pub tiles: Option<u32>,
+
+    /// Draw every blade of the field with 16 knots, as the paper does, to compare
+    #[arg(long, requires = "tiles")]
+    pub naive: bool,
 
     /// Print a script that completes this command line in a shell, and end
     #[arg(long, value_name = "SHELL", exclusive = true)]
@@ -127,7 +147,47 @@ pub struct Cli {
     pub man: Option<PathBuf>,
 }
 
+/// What it does other than show the meadow.
+#[derive(Clone, Debug, clap::Subcommand)]
+pub enum Verb {
+    /// Measure what a frame takes, pass by pass, beside the paper's scheme
+    ///
+    /// Minutes in software. Prints a table, or JSON.
+    ///
+    /// Exit code 0: done; 1: something prevents drawing; 2: bad arguments.
+    ///
+    /// Example: sward-render bench --library meadow.sward --json
+    Bench(BenchArgs),
+}
+
+/// When blades throw shadows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Shadows {
+    /// Unless a window is drawn in software
+    Auto,
+    /// Always
+    On,
+    /// Never
+    Off,
+}
+
 impl Cli {
+    /// Where grass grows.
+    pub fn field(&self) -> Field {
+        self.tiles.map_or(Field::ENDLESS, Field::of_tiles)
+    }
+
+    /// How much of it is drawn.
+    ///
+    /// # Errors
+    /// When the field has more tiles than can be drawn naively.
+    pub fn detail(&self) -> anyhow::Result<Detail> {
+        if self.naive && self.tiles.is_some_and(|tiles| tiles > NAIVE_TILES) {
+            anyhow::bail!("--naive draws at most {NAIVE_TILES} tiles; give fewer with --tiles");
+        }
+        Ok(Detail { naive: self.naive, ..Detail::default() })
+    }
+
     /// The view at `time_s` seconds of the meadow's time.
     pub fn view(&self, time_s: f32) -> View {
         let sun_rad = match self.time {
@@ -149,7 +209,7 @@ impl Cli {
     }
 }
 
-fn parse_size(text: &str) -> Result<(u32, u32), String> {
+pub(crate) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let side = |text: &str| text.parse().ok().filter(|side| (16..=8192).contains(side));
     let (width, height) = text.split_once('x').unwrap_or_default();
     side(width).zip(side(height)).ok_or_else(|| "expected WxH, each 16 to 8192, as in 1280x720".into())
@@ -231,6 +291,8 @@ mod tests {
             &["--headless", "--out", "d", "--library", "f", "--wait-blades", "1"],
             &["--headless", "--out", "d", "--wait-blades", "4097"],
             &["--completions", "bash", "--fullscreen"],
+            &["--tiles", "0"],
+            &["--naive"],
         ] {
             assert!(parse(args).is_err(), "{args:?}");
         }

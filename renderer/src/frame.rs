@@ -1,20 +1,23 @@
 //! The frame: all passes in order.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 use common::library::Snapshot;
 
 use crate::gpu::Gpu;
 use crate::gpu::targets::Targets;
-use crate::passes::cull::{self, Cull};
+use crate::gpu::timing::Timing;
+use crate::passes::cull::{self, Cull, Detail};
 use crate::passes::grass::{Grass, Growth};
-use crate::passes::{ground::Ground, sky::Sky, tone::Tone, world::World};
+use crate::passes::{ground::Ground, shadow, sky::Sky, tone::Tone, world::World};
 use crate::scene::camera::{Camera, frustum_planes};
-use crate::scene::grassland;
+use crate::scene::grassland::{self, field::Field, shapes, shapes::Shapes};
 use crate::scene::light::Light;
 
 /// The patch is the same everywhere and always.
 const PATCH_SEED: u64 = 0x5EED;
+/// How long a new library takes to take the place of the one before, seconds.
+pub const SWAP_S: f32 = 1.0;
 
 /// What every shader reads, in its layout.
 pub mod gpu_data {
@@ -39,10 +42,10 @@ pub mod gpu_data {
         pub pixel_rad: f32,
         /// Whether anything grows, 0 or 1.
         pub grows: u32,
-        /// Padding.
-        pub _pad_0: u32,
-        /// Padding.
-        pub _pad_1: u32,
+        /// Size of a pixel, metres at the blades, up to which every blade is drawn.
+        pub full_pixel_m: f32,
+        /// How far blades are drawn, metres.
+        pub range_m: f32,
     }
 }
 
@@ -58,7 +61,7 @@ pub struct View {
 }
 
 impl View {
-    /// The frame's uniform for a picture of `size` pixels.
+    /// The frame's uniform for a picture of `size` pixels; how much is drawn is for the plan to say.
     pub fn uniform(&self, size: (u32, u32), grows: bool) -> gpu_data::Frame {
         let (width, height) = (size.0.max(1) as f32, size.1.max(1) as f32);
         let clip_from_world = self.camera.clip_from_world(width / height);
@@ -70,8 +73,8 @@ impl View {
             time_s: self.time_s,
             pixel_rad: 2.0 * (self.camera.fov_y_rad * 0.5).tan() / height,
             grows: u32::from(grows),
-            _pad_0: 0,
-            _pad_1: 0,
+            full_pixel_m: 0.0,
+            range_m: 0.0,
         }
     }
 }
@@ -81,64 +84,165 @@ impl View {
 pub struct Meadow {
     world: World,
     patch: wgpu::Buffer,
+    field: Field,
+    detail: Detail,
     cull: Cull,
     grass: Grass,
     ground: Ground,
     sky: Sky,
     tone: Tone,
-    growth: Option<Growth>,
+    now: Growth,
+    before: Growth,
+    /// How far the library before has given way, 0 to 1.
+    swapped: f32,
+    cull_bindings: wgpu::BindGroup,
+    grass_bindings: wgpu::BindGroup,
+    throws_shadows: bool,
 }
 
 impl Meadow {
-    /// A bare meadow that draws pictures of `format`.
+    /// A bare meadow without end that draws pictures of `format`.
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
         let world = World::new(gpu);
         let layout = &world.layout;
         let patch = cull::upload_patch(gpu, &grassland::patch(PATCH_SEED));
+        let cull = Cull::new(gpu, layout, cull::CAPACITY);
+        let grass = Grass::new(gpu, layout);
+        let (now, before) = (Growth::new(gpu, None), Growth::new(gpu, None));
         Self {
-            cull: Cull::new(gpu, layout, &patch),
-            grass: Grass::new(gpu, layout),
-            ground: Ground::new(gpu, layout),
+            field: Field::ENDLESS,
+            detail: Detail::default(),
+            ground: Ground::new(gpu, layout, &grass.shadows.layout),
             sky: Sky::new(gpu, layout),
             tone: Tone::new(gpu, format),
-            growth: None,
+            swapped: 1.0,
+            throws_shadows: true,
+            cull_bindings: cull.bind(gpu, &patch, &now.shares, &before.shares),
+            grass_bindings: grass.bind(gpu, &cull, &now, &before),
+            cull,
+            grass,
+            now,
+            before,
             world,
             patch,
         }
     }
 
-    /// Lets another library grow from the next frame on: whole, since all that belongs to it is
-    /// replaced at once.
+    /// Where grass grows from the next frame on.
+    pub fn lay_out(&mut self, field: Field) {
+        self.field = field;
+    }
+
+    /// How much of it is drawn from the next frame on.
+    pub fn set_detail(&mut self, gpu: &Gpu, detail: Detail) {
+        let capacity = if detail.naive { cull::NAIVE_CAPACITY } else { cull::CAPACITY };
+        self.detail = detail;
+        if self.cull.capacity != capacity {
+            self.cull = Cull::new(gpu, &self.world.layout, capacity);
+            self.bind(gpu);
+        }
+    }
+
+    /// Lets another library grow from the next frame on, at once and whole.
     pub fn plant<B: AsRef<[u8]>>(&mut self, gpu: &Gpu, library: &Snapshot<B>) {
-        self.growth = self.grass.plant(gpu, &self.patch, library);
+        self.grow(gpu, shapes::shapes(library).as_ref());
+        self.pass_time(SWAP_S);
+    }
+
+    /// Lets other shapes grow from the next frame on: where a blade changes, the old one gives way and the new
+    /// one grows, as [`Meadow::pass_time`] goes on. A change that is still going on ends at once.
+    pub fn grow(&mut self, gpu: &Gpu, shapes: Option<&Shapes>) {
+        self.before = std::mem::replace(&mut self.now, Growth::new(gpu, shapes));
+        self.swapped = 0.0;
+        self.bind(gpu);
+    }
+
+    /// Whether a library is still taking the place of another.
+    pub fn is_growing(&self) -> bool {
+        self.swapped < 1.0
+    }
+
+    /// Lets `seconds` pass for what grows.
+    pub fn pass_time(&mut self, seconds: f32) {
+        self.swapped = (self.swapped + seconds / SWAP_S).min(1.0);
+    }
+
+    fn bind(&mut self, gpu: &Gpu) {
+        self.cull_bindings = self.cull.bind(gpu, &self.patch, &self.now.shares, &self.before.shares);
+        self.grass_bindings = self.grass.bind(gpu, &self.cull, &self.now, &self.before);
+    }
+
+    /// What was culled and drawn in the last frame.
+    pub fn cull(&self) -> &Cull {
+        &self.cull
+    }
+
+    /// Whether blades near the eye throw shadows; they do at first. Without, light is taken by height alone.
+    pub fn set_shadows(&mut self, thrown: bool) {
+        self.throws_shadows = thrown;
     }
 
     /// Draws one frame to `display`, a view of the size of `targets`.
     pub fn draw(&self, gpu: &Gpu, targets: &Targets, view: &View, display: &wgpu::TextureView) {
-        let uniform = view.uniform(targets.size, self.growth.is_some());
-        self.world.write(gpu, &uniform, &Light::new(view.sun_rad));
+        self.draw_timed(gpu, targets, view, display, None);
+    }
+
+    /// As [`Meadow::draw`], with the time of each pass.
+    pub fn draw_timed(
+        &self,
+        gpu: &Gpu,
+        targets: &Targets,
+        view: &View,
+        display: &wgpu::TextureView,
+        timing: Option<&Timing>,
+    ) {
+        let grows = self.now.grows() || (self.swapped < 0.5 && self.before.grows());
+        let mut uniform = view.uniform(targets.size, grows);
+        let light = Light::new(view.sun_rad);
+        let reach_m = self.now.reach_m.max(self.before.reach_m);
+        let plan = cull::plan(&uniform, &self.field, self.detail, reach_m, self.swapped);
+        (uniform.full_pixel_m, uniform.range_m) = match plan.survey.everything {
+            0 => (plan.survey.full_pixel_m, plan.survey.range_m),
+            _ => (f32::MAX, f32::MAX),
+        };
+        self.world.write(gpu, &uniform, &light);
         let mut encoder =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
 
-        if let Some(growth) = &self.growth {
-            let window = cull::window(uniform.eye_in_world, growth.reach_m);
-            self.cull.encode(gpu, &mut encoder, &self.world.bindings, window);
+        let grass_shows = self.now.grows() || (self.is_growing() && self.before.grows());
+        if grass_shows {
+            self.cull.encode(gpu, &mut encoder, &self.world.bindings, &self.cull_bindings, &plan, timing);
         }
-        let mut scene = begin_scene(&mut encoder, targets);
+        if grass_shows && self.throws_shadows && light.sun != Vec3::ZERO {
+            let place = shadow::place(&view.camera, light.to_sun);
+            let grown = (&self.grass, &self.grass_bindings, &self.cull);
+            self.grass.shadows.draw(gpu, &mut encoder, place, &uniform, &light, grown, timing);
+        } else {
+            self.grass.shadows.skip(gpu);
+        }
+        let mut scene = begin_scene(&mut encoder, targets, timing);
         scene.set_bind_group(0, &self.world.bindings, &[]);
-        if let Some(growth) = &self.growth {
-            self.grass.draw(&mut scene, growth, &self.cull);
+        scene.set_bind_group(2, &self.grass.shadows.bindings, &[]);
+        if grass_shows {
+            self.grass.draw(&mut scene, &self.grass_bindings, &self.cull);
         }
         self.ground.draw(&mut scene);
         self.sky.draw(&mut scene);
         drop(scene);
         self.tone.draw(gpu, &mut encoder, targets, display);
+        if let Some(timing) = timing {
+            timing.resolve(&mut encoder);
+        }
 
         gpu.queue.submit([encoder.finish()]);
     }
 }
 
-fn begin_scene<'a>(encoder: &'a mut wgpu::CommandEncoder, targets: &Targets) -> wgpu::RenderPass<'a> {
+fn begin_scene<'a>(
+    encoder: &'a mut wgpu::CommandEncoder,
+    targets: &Targets,
+    timing: Option<&Timing>,
+) -> wgpu::RenderPass<'a> {
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("scene.colour"),
         color_attachments: &[Some(wgpu::RenderPassColorAttachment {
@@ -158,6 +262,7 @@ fn begin_scene<'a>(encoder: &'a mut wgpu::CommandEncoder, targets: &Targets) -> 
             }),
             stencil_ops: None,
         }),
+        timestamp_writes: timing.and_then(|timing| timing.render("scene.colour")),
         ..Default::default()
     })
 }

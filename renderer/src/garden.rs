@@ -8,6 +8,8 @@ use crate::gpu::Gpu;
 use crate::gpu::device::{self, OpenError};
 use crate::gpu::shader::Sources;
 use crate::gpu::targets::Targets;
+use crate::passes::cull::Detail;
+use crate::scene::grassland::field::Field;
 
 /// The meadow on its device.
 #[derive(Debug)]
@@ -16,7 +18,10 @@ pub struct Garden {
     pub gpu: Gpu,
     meadow: Meadow,
     format: wgpu::TextureFormat,
+    field: Field,
+    detail: Detail,
     library: Option<Snapshot<Vec<u8>>>,
+    shadows: bool,
 }
 
 /// Why shaders are not used.
@@ -39,7 +44,22 @@ impl Garden {
     /// A bare meadow on `gpu` for pictures of `format`.
     pub fn new(gpu: Gpu, format: wgpu::TextureFormat) -> Self {
         let meadow = Meadow::new(&gpu, format);
-        Self { gpu, meadow, format, library: None }
+        Self {
+            gpu,
+            meadow,
+            format,
+            field: Field::ENDLESS,
+            detail: Detail::default(),
+            library: None,
+            shadows: true,
+        }
+    }
+
+    /// Where grass grows, and how much of it is drawn, from the next frame on.
+    pub fn lay_out(&mut self, field: Field, detail: Detail) {
+        (self.field, self.detail) = (field, detail);
+        self.meadow.lay_out(field);
+        self.meadow.set_detail(&self.gpu, detail);
     }
 
     /// Lets this library grow from the next frame on.
@@ -47,6 +67,12 @@ impl Garden {
         self.meadow.plant(&self.gpu, library);
         // A copy, some hundred kilobytes at most as a rule: it must be there when the device is not.
         self.library = Snapshot::validate(library.bytes().to_vec()).ok();
+    }
+
+    /// Whether blades near the eye throw shadows, which costs about as much again as drawing them.
+    pub fn set_shadows(&mut self, thrown: bool) {
+        self.shadows = thrown;
+        self.meadow.set_shadows(thrown);
     }
 
     /// Generation of the library that grows; 0 while the meadow is bare.
@@ -102,6 +128,8 @@ impl Garden {
     }
 
     fn replant(&mut self) {
+        self.lay_out(self.field, self.detail);
+        self.meadow.set_shadows(self.shadows);
         if let Some(library) = &self.library {
             self.meadow.plant(&self.gpu, library);
         }

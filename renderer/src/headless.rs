@@ -1,13 +1,13 @@
 //! The meadow as PNG files, without a window.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use common::library::Snapshot;
 
-use crate::cli::Cli;
+use crate::cli::{Cli, Shadows};
 use crate::frame::View;
 use crate::garden::Garden;
 use crate::gpu::readback::{self, ReadbackError};
@@ -37,15 +37,7 @@ impl Studio {
     /// # Errors
     /// When there is no Vulkan device.
     pub fn open(size: (u32, u32)) -> Result<Self, device::OpenError> {
-        Self::with_shaders(size, Sources::default())
-    }
-
-    /// The same, with these shaders.
-    ///
-    /// # Errors
-    /// When there is no Vulkan device.
-    pub fn with_shaders(size: (u32, u32), shaders: Sources) -> Result<Self, device::OpenError> {
-        let gpu = Gpu::open(&device::instance(), None)?.with_shaders(shaders);
+        let gpu = Gpu::open(&device::instance(), None)?;
         let (targets, picture) = Self::targets(&gpu, size);
         Ok(Self { garden: Garden::new(gpu, FORMAT), targets, picture })
     }
@@ -112,8 +104,14 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)
         .with_context(|| format!("cannot make the folder {} for the pictures", out.display()))?;
     let library = cli.library.as_deref().map(read_library).transpose()?;
-    let shaders = cli.shaders.as_deref().map(Sources::read).transpose()?;
-    let mut studio = Studio::with_shaders(cli.size, shaders.unwrap_or_default())?;
+    let mut studio = Studio::open(cli.size)?;
+    let detail = cli.detail()?;
+    studio.garden().lay_out(cli.field(), detail);
+    studio.garden().set_shadows(cli.shadows != Shadows::Off);
+    if let Some(folder) = &cli.shaders {
+        let refused = || format!("the shaders in {} are refused", folder.display());
+        studio.garden().replace_shaders(Sources::read(folder)?).with_context(refused)?;
+    }
     let watch = match &library {
         Some(library) => {
             studio.plant(library);
@@ -133,7 +131,8 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         let pixels = studio.draw(&cli.view(index as f32 / FRAMES_PER_SECOND * cli.time_scale))?;
         let seconds = started.elapsed().as_secs_f32();
         tracing::info!(index, seconds, generation = studio.generation(), "drawn");
-        let path = write_picture(out, index, cli.size, &pixels)?;
+        let path = out.join(format!("frame-{index:04}.png"));
+        write_picture(&path, cli.size, &pixels)?;
         writeln!(std::io::stdout(), "{}", path.display()).context("cannot write to stdout")?;
     }
     Ok(())
@@ -187,9 +186,11 @@ fn wait_for_blades(cli: &Cli, watch: &LibraryWatch, studio: &mut Studio) -> anyh
     Ok(())
 }
 
-fn write_picture(out: &Path, index: u32, size: (u32, u32), pixels: &[u8]) -> anyhow::Result<PathBuf> {
-    let path = out.join(format!("frame-{index:04}.png"));
-    image::save_buffer(&path, pixels, size.0, size.1, image::ColorType::Rgba8)
-        .with_context(|| format!("cannot write the picture {}", path.display()))?;
-    Ok(path)
+/// Writes a picture of 4 bytes a pixel.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_picture(path: &Path, size: (u32, u32), pixels: &[u8]) -> anyhow::Result<()> {
+    image::save_buffer(path, pixels, size.0, size.1, image::ColorType::Rgba8)
+        .with_context(|| format!("cannot write the picture {}", path.display()))
 }

@@ -7,11 +7,13 @@
 //! Invariant: `scene` never names the GPU.
 
 pub mod app;
+pub mod bench;
 pub mod cli;
 pub mod frame;
 pub mod garden;
 pub mod gpu;
 pub mod headless;
 pub mod library_watch;
+pub mod nursery;
 pub mod passes;
 pub mod scene;

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 use common::manual;
 use common::sentence::{complain, of_causes, of_paragraphs, print};
-use renderer::cli::Cli;
-use renderer::{app, headless};
+use renderer::cli::{Cli, Verb};
+use renderer::{app, bench, headless};
 use tracing_subscriber::EnvFilter;
 
 /// How it calls itself.
@@ -58,6 +58,9 @@ fn perform(cli: &Cli) -> anyhow::Result<()> {
     if let Some(folder) = &cli.man {
         let paths = manual::write_pages(folder, &manual::pages(Cli::command())?)?;
         return Ok(print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>())?);
+    }
+    if let Some(Verb::Bench(args)) = &cli.verb {
+        return bench::run(args);
     }
     if cli.headless { headless::run(cli) } else { app::run(cli) }
 }

@@ -4,9 +4,11 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Module, TypeInner};
 use renderer::frame::gpu_data::Frame;
 use renderer::gpu::shader::{PASSES, Sources};
-use renderer::passes::cull::gpu_data::{Draw, Instance, Window};
-use renderer::passes::grass::gpu_data::Shape;
+use renderer::passes::cull::gpu_data::{Chunk, Counts, Draw, Instance, Share, Slot, Survey};
+use renderer::passes::grass::gpu_data::{ShapeKnot, SimulatedKnot};
+use renderer::passes::shadow::gpu_data::Shadow;
 use renderer::scene::grassland::PatchBlade;
+use renderer::scene::grassland::field::Block;
 use renderer::scene::light::Light;
 
 fn parse(name: &str, source: &str) -> Module {
@@ -59,9 +61,8 @@ macro_rules! check_layout {
 
 #[test]
 fn structs_lie_in_memory_as_in_rust() {
-    use common::blade::Knot;
-    let (cull, grass) = (module_of("cull"), module_of("grass"));
-    for module in [&cull, &grass] {
+    let [tiles, blades, args, grass] = ["cull.tiles", "cull.blades", "cull.args", "grass"].map(module_of);
+    for module in [&tiles, &blades, &args, &grass] {
         check_layout!(
             module,
             Frame {
@@ -72,11 +73,10 @@ fn structs_lie_in_memory_as_in_rust() {
                 time_s,
                 pixel_rad,
                 grows,
-                _pad_0,
-                _pad_1,
+                full_pixel_m,
+                range_m,
             }
         );
-        check_layout!(module, PatchBlade { root, shape_turn_scale_mirror, lean_hue, salt });
     }
     for module in [&grass, &module_of("ground"), &module_of("sky")] {
         check_layout!(
@@ -84,9 +84,92 @@ fn structs_lie_in_memory_as_in_rust() {
             Light { perez, zenith_over_perez, haze, fill, sun, exposure, to_sun, shadow_slope }
         );
     }
-    check_layout!(&cull, Window { first_tile_x, first_tile_z, side, reach_m });
-    check_layout!(&cull, Instance { root_in_world, blade_and_lushness, bend_rad, presence, widen });
-    check_layout!(&cull, Draw { index_count, instance_count, first_index, base_vertex, first_instance });
-    check_layout!(&grass, Shape { first_knot, knot_count });
-    check_layout!(&grass, Knot { position, half_width_left, across, half_width_right });
+    for module in [&grass, &module_of("ground")] {
+        check_layout!(module, Shadow { map_from_world, strength, texel_m, _pad_0, _pad_1 });
+    }
+    for module in [&tiles, &blades, &args] {
+        check_layout!(
+            module,
+            Survey {
+                first_tile_x,
+                first_tile_z,
+                columns,
+                tiles,
+                full_pixel_m,
+                detail,
+                range_m,
+                swapped,
+                blocks,
+                everything,
+                slots,
+                capacity,
+                reach_m,
+                blended,
+                _pad_0,
+                _pad_1,
+            }
+        );
+        check_layout!(module, Counts { chunks, instances, levels });
+    }
+    check_layout!(&tiles, Block { x, z });
+    check_layout!(&tiles, Slot { tile_x, tile_z, slot, _pad_0 });
+    for module in [&tiles, &blades] {
+        check_layout!(module, Chunk { tile_x, tile_z, first_rank, slot });
+    }
+    check_layout!(&blades, PatchBlade { root, shape_turn_scale_mirror, lean_hue, salt });
+    check_layout!(&blades, Share { shape, reach_m });
+    for module in [&blades, &grass] {
+        check_layout!(
+            module,
+            Instance {
+                root_in_world,
+                first_knot,
+                bend_rad,
+                scale,
+                widen,
+                morph,
+                shape_turn_scale_mirror,
+                lean_hue,
+                salt,
+                lush,
+                sunlight,
+                simulated,
+                thinnest_m,
+            }
+        );
+    }
+    check_layout!(&args, Draw { index_count, instance_count, first_index, base_vertex, first_instance });
+    check_layout!(
+        &grass,
+        ShapeKnot {
+            position,
+            along,
+            across,
+            half_width_left,
+            tangent,
+            half_width_right,
+            coarse_row,
+            coarse_between,
+            finest_row,
+            reach_m,
+        }
+    );
+    check_layout!(&grass, SimulatedKnot { position, _pad_0 });
+}
+
+#[test]
+fn shaders_stay_within_what_every_driver_has() {
+    for (name, _) in PASSES {
+        let module = module_of(name);
+        let storage = module
+            .global_variables
+            .iter()
+            .filter(|(_, variable)| matches!(variable.space, naga::AddressSpace::Storage { .. }))
+            .count();
+        assert!(storage <= 8, "{name} has {storage} storage buffers");
+        for entry in &module.entry_points {
+            let threads: u32 = entry.workgroup_size.iter().product();
+            assert!(threads <= 256, "{name}: workgroups of {threads}");
+        }
+    }
 }

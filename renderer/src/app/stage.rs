@@ -8,7 +8,7 @@ use winit::dpi::PhysicalSize;
 use winit::event_loop::ActiveEventLoop;
 use winit::window::{Fullscreen, Window};
 
-use crate::cli::Cli;
+use crate::cli::{Cli, Shadows};
 use crate::frame::View;
 use crate::garden::Garden;
 use crate::gpu::shader::Sources;
@@ -71,8 +71,12 @@ impl Stage {
         let gpu = Gpu::open(&instance, Some(&surface))?.with_shaders(shaders);
         let config = configure(&gpu, &surface, window.inner_size())?;
         let targets = Targets::new(&gpu, (config.width, config.height));
+        let software = gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
+        let mut garden = Garden::new(gpu, config.format);
+        garden.lay_out(cli.field(), cli.detail()?);
+        garden.set_shadows(cli.shadows == Shadows::On || cli.shadows == Shadows::Auto && !software);
         Ok(Self {
-            garden: Garden::new(gpu, config.format),
+            garden,
             attract: cli.kiosk.then(super::attract).transpose()?,
             surface: Some(surface),
             without_device: None,

@@ -64,8 +64,12 @@ impl Gpu {
         let info = adapter.get_info();
         let (device, queue) = ready(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("sward"),
-            // One indirect draw serves all levels of detail, each with its own first instance.
-            required_features: wgpu::Features::INDIRECT_FIRST_INSTANCE,
+            // One indirect draw serves all levels of detail, each with its own first instance. Timestamps are
+            // for the bench alone.
+            required_features: wgpu::Features::INDIRECT_FIRST_INSTANCE
+                | adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            // wgpu's defaults are what every driver has: 8 storage buffers a stage, workgroups of 256, bindings
+            // of 128 MiB. No more is asked for.
             required_limits: wgpu::Limits::default().using_resolution(adapter.limits()),
             ..Default::default()
         }))

@@ -6,5 +6,6 @@ pub mod device;
 pub mod readback;
 pub mod shader;
 pub mod targets;
+pub mod timing;
 
 pub use device::Gpu;

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 
 use super::Gpu;
 use crate::passes::{cull, ground};
-use crate::scene::{grassland, light, sky, wind};
+use crate::scene::grassland::{self, field, mix, shapes};
+use crate::scene::{light, sky, wind};
 
 macro_rules! built_in {
     ($($path:literal),* $(,)?) => {
@@ -18,25 +19,42 @@ macro_rules! built_in {
 /// Every shader file, by its path under `src/passes`.
 const FILES: &[(&str, &str)] = &built_in![
     "common.wgsl",
-    "cull/cull.wgsl",
+    "cull/args.wgsl",
+    "cull/blades.wgsl",
+    "cull/survey.wgsl",
+    "cull/tiles.wgsl",
     "grass/grass.wgsl",
     "grass/light.wgsl",
     "ground/ground.wgsl",
     "leaf.wgsl",
     "light.wgsl",
+    "shadow/shadow.wgsl",
     "sky/sky.wgsl",
     "tone/tone.wgsl",
     "wind.wgsl",
 ];
 
 /// The shaders by pass, and the files that each is put together from, in order.
-pub const PASSES: [(&str, &[&str]); 5] = [
-    ("cull", &["common.wgsl", "wind.wgsl", "cull/cull.wgsl"]),
+pub const PASSES: [(&str, &[&str]); 7] = [
+    ("cull.tiles", &["common.wgsl", "cull/survey.wgsl", "cull/tiles.wgsl"]),
+    ("cull.blades", &["common.wgsl", "wind.wgsl", "light.wgsl", "cull/survey.wgsl", "cull/blades.wgsl"]),
+    ("cull.args", &["common.wgsl", "cull/survey.wgsl", "cull/args.wgsl"]),
     (
         "grass",
-        &["common.wgsl", "wind.wgsl", "light.wgsl", "leaf.wgsl", "grass/grass.wgsl", "grass/light.wgsl"],
+        &[
+            "common.wgsl",
+            "wind.wgsl",
+            "light.wgsl",
+            "leaf.wgsl",
+            "shadow/shadow.wgsl",
+            "grass/grass.wgsl",
+            "grass/light.wgsl",
+        ],
     ),
-    ("ground", &["common.wgsl", "light.wgsl", "leaf.wgsl", "ground/ground.wgsl"]),
+    (
+        "ground",
+        &["common.wgsl", "wind.wgsl", "light.wgsl", "leaf.wgsl", "shadow/shadow.wgsl", "ground/ground.wgsl"],
+    ),
     ("sky", &["common.wgsl", "light.wgsl", "sky/sky.wgsl"]),
     ("tone", &["tone/tone.wgsl"]),
 ];
@@ -128,19 +146,28 @@ fn constants() -> String {
     define("HAZE_TERMS", unsigned(light::HAZE_TERMS as u32));
     define("MIN_COS_ZENITH", float(sky::MIN_COS_ZENITH));
     define("RANGE_M", float(cull::RANGE_M));
-    define("FULL_DENSITY_M", float(cull::FULL_DENSITY_M));
+    define("FADE_FROM", float(cull::FADE_FROM));
     define("MAX_WIDEN", float(cull::MAX_WIDEN));
     define("CANOPY_M", float(cull::CANOPY_M));
-    let levels = cull::LEVELS;
-    let regions = cull::regions();
-    define("LEVELS", unsigned(levels.len() as u32));
-    define("LEVEL_UNTIL_M", array("f32", levels.iter().map(|level| float(level.until_m)).collect()));
-    define("LEVEL_ROWS", array("u32", levels.iter().map(|level| unsigned(level.rows)).collect()));
-    define("LEVEL_FIRST", array("u32", regions.iter().map(|region| unsigned(region.start)).collect()));
-    define(
-        "LEVEL_CAPACITY",
-        array("u32", regions.iter().map(|region| unsigned(region.end - region.start)).collect()),
-    );
+    define("MORPH_FROM", float(cull::MORPH_FROM));
+    define("LUSH_SCALE_MIN", float(cull::LUSH_SCALE.0));
+    define("LUSH_SCALE_MAX", float(cull::LUSH_SCALE.1));
+    define("TILE_RADIUS_M", float(cull::TILE_RADIUS_M));
+    define("BLOCK_SIDE", format!("{}i", field::BLOCK_SIDE));
+    define("CHUNK_BLADES", unsigned(cull::CHUNK_BLADES));
+    define("CHUNK_CAPACITY", unsigned(cull::CHUNK_CAPACITY));
+    define("VERTICES_A_LEVEL", unsigned(cull::VERTICES_A_LEVEL));
+    define("NO_SHAPE", unsigned(cull::NO_SHAPE));
+    define("CLUMP_M", float(mix::CLUMP_M));
+    define("CLUMP_FRAY", float(mix::CLUMP_FRAY));
+    define("LONERS", unsigned(mix::LONERS));
+    define("LEVELS", unsigned(shapes::LEVELS as u32));
+    define("SHAPE_KNOTS", unsigned(shapes::SHAPE_KNOTS));
+    define("LEVEL_PX", array("f32", cull::LEVEL_PX.map(float).to_vec()));
+    define("LEVEL_KNOTS", array("u32", shapes::LEVEL_KNOTS.map(unsigned).to_vec()));
+    define("LEVEL_INDICES", array("u32", cull::level_indices().map(unsigned).to_vec()));
+    let first_knots = (0..shapes::LEVELS).map(|level| unsigned(shapes::first_knot(level)));
+    define("LEVEL_FIRST_KNOT", array("u32", first_knots.collect()));
     define("GROUND_RANGE_M", float(ground::RANGE_M));
     define("GROUND_RINGS", unsigned(ground::RINGS));
     define("GROUND_SECTORS", unsigned(ground::SECTORS));

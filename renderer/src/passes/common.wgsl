@@ -10,8 +10,8 @@ struct Frame {
     time_s: f32,
     pixel_rad: f32,
     grows: u32,
-    _pad_0: u32,
-    _pad_1: u32,
+    full_pixel_m: f32,
+    range_m: f32,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -11,7 +11,7 @@ struct Leaf {
 }
 
 const OLIVE = vec3f(0.090, 0.098, 0.034);
-const FRESH = vec3f(0.040, 0.070, 0.018);
+const FRESH = vec3f(0.047, 0.074, 0.019);
 const TIP = vec3f(0.120, 0.118, 0.044);
 const SHEATH = vec3f(0.062, 0.064, 0.028);
 const STRAW = vec3f(0.330, 0.262, 0.150);
@@ -21,7 +21,7 @@ const BROWN = vec3f(0.120, 0.080, 0.046);
 // 1 yellowish; `salt`: its random bits.
 fn leaf_of(along: f32, lush: f32, hue: f32, salt: u32) -> Leaf {
     let green = mix(OLIVE, FRESH, saturate(lush * 1.15));
-    let own = green * mix(vec3f(0.70, 0.86, 1.05), vec3f(1.34, 1.14, 0.88), hue) * (0.80 + 0.4 * f32(salt >> 24u) * (1.0 / 255.0));
+    let own = green * mix(vec3f(0.76, 0.89, 1.00), vec3f(1.34, 1.14, 0.88), hue) * (0.80 + 0.4 * f32(salt >> 24u) * (1.0 / 255.0));
     let tipped = mix(own, TIP, 0.55 * smoothstep(0.35, 1.0, along) * (1.0 - 0.6 * lush));
     let fresh = mix(SHEATH, tipped, smoothstep(0.0, 0.35, along));
 

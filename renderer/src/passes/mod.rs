@@ -3,6 +3,7 @@
 pub mod cull;
 pub mod grass;
 pub mod ground;
+pub mod shadow;
 pub mod sky;
 pub mod tone;
 pub mod world;

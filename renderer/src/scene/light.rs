@@ -14,14 +14,15 @@ pub const TURBIDITY: f32 = 2.6;
 pub const HAZE_TERMS: usize = 8;
 /// How high above the horizon the air's own light is looked up, as the sine of the elevation.
 const HAZE_UP: f32 = 0.02;
-/// Mean share of the light that a meadow under its sky gives back.
-const MEAN_REFLECTANCE: f32 = 0.075;
+/// What is metered: so much of what a flat white surface shows, as the meadow gives it back, and so much of
+/// the horizon, or a low sun's sky would be burnt out.
+const METERED: [f32; 2] = [0.038, 0.06];
 /// What the mean of the picture is exposed to.
 const MIDDLE_GREY: f32 = 0.18;
 /// How far exposure follows the light, as an exponent: by 1, dusk would look like noon.
 const ADAPTATION: f32 = 0.86;
 /// Brightness (kcd/m²) at which exposure needs no adaptation: that of a meadow in the forenoon.
-const MEAN_AT_FORENOON: f32 = 2.6;
+const MEAN_AT_FORENOON: f32 = 1.3;
 
 /// The uniform, in the shaders' layout. Colours are linear sRGB, exposed.
 #[repr(C)]
@@ -64,7 +65,8 @@ impl Light {
         let mut fill = [mean / (2.0 * count), first[0] / count, first[1] / count, first[2] / count];
         let sun = sky.sun_illuminance() / PI;
         let horizontal = sky::luminance(fill[0] + fill[2] + sun * sky.sun_direction.y);
-        let exposure = exposure(horizontal);
+        let horizon = haze(&sky);
+        let exposure = exposure(horizontal, sky::luminance(horizon[0]));
         fill = fill.map(|term| term * exposure);
         let to_sun = sky::direction(Vec2::new(
             heading_and_elevation_rad.x,
@@ -73,7 +75,7 @@ impl Light {
         Self {
             perez: sky.perez.map(|row| row.extend(0.0)),
             zenith_over_perez: (sky.zenith_over_perez * Vec3::new(exposure, 1.0, 1.0)).extend(0.0),
-            haze: haze(&sky).map(|term| (term * exposure).extend(0.0)),
+            haze: horizon.map(|term| (term * exposure).extend(0.0)),
             fill: fill.map(|term| term.extend(0.0)),
             sun: sun * exposure,
             exposure,
@@ -92,10 +94,10 @@ impl Light {
     }
 }
 
-/// Factor on light where a flat white surface shows `horizontal` kcd/m². A function of the sun alone, not
+/// Factor on light where a flat white surface shows `horizontal` kcd/m² and the horizon has `horizon`. A function of the sun alone, not
 /// of the picture: it can neither flicker nor lag, and a turn of the head changes nothing.
-fn exposure(horizontal: f32) -> f32 {
-    let mean = MEAN_REFLECTANCE * horizontal.max(1e-4);
+fn exposure(horizontal: f32, horizon: f32) -> f32 {
+    let mean = (METERED[0] * horizontal + METERED[1] * horizon).max(1e-5);
     MIDDLE_GREY / MEAN_AT_FORENOON * (mean / MEAN_AT_FORENOON).powf(-ADAPTATION)
 }
 

@@ -1,4 +1,5 @@
 //! Libraries to test with: blades of five outlines, bent as real ones are.
+#![allow(dead_code, reason = "each test takes what it needs")]
 
 use common::blade::{Blade, BladeId, Knot};
 use glam::Vec3;

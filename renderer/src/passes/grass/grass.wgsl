@@ -1,90 +1,118 @@
-// Two vertices a row, some rows a blade: expands the knots of the library, as they stand there,
-// into a ribbon. One instance is one blade that `passes/cull` let through. `light.wgsl`, which has the
-// `Ribbon`, follows and lights it.
-// Reads the patch, the shape table, the shapes and the knots. Source: Fan & Sheng §4.5.
+// Two vertices a knot: expands the knots of a blade into a ribbon. One instance is one blade that `passes/cull`
+// let through, at its level of detail; of the last level, one triangle. `light.wgsl`, which has the `Ribbon`,
+// follows and lights it.
+// Reads the level's list, the instances, the shapes of this library and the one before, and simulated knots.
+// Source: Fan & Sheng §4.5.
 
-struct PatchBlade {
-    root: u32,
+struct Instance {
+    root_in_world: vec3f,
+    first_knot: u32,
+    bend_rad: vec2f,
+    scale: f32,
+    widen: f32,
+    morph: f32,
     shape_turn_scale_mirror: u32,
     lean_hue: u32,
     salt: u32,
+    lush: f32,
+    sunlight: f32,
+    simulated: i32,
+    thinnest_m: f32,
 }
 
-struct Shape {
-    first_knot: u32,
-    knot_count: u32,
-}
-
-struct Knot {
+struct ShapeKnot {
     position: vec3f,
-    half_width_left: f32,
+    along: f32,
     across: vec3f,
+    half_width_left: f32,
+    tangent: vec3f,
     half_width_right: f32,
+    coarse_row: u32,
+    coarse_between: f32,
+    finest_row: u32,
+    reach_m: f32,
 }
 
-@group(1) @binding(0) var<storage, read> patch_blades: array<PatchBlade>;
-@group(1) @binding(1) var<storage, read> shape_table: array<u32>;
-@group(1) @binding(2) var<storage, read> shapes: array<Shape>;
-@group(1) @binding(3) var<storage, read> knots: array<Knot>;
-
-struct Vertex {
-    @builtin(vertex_index) index: u32,
-    @location(0) root_in_world: vec3f,
-    @location(1) blade_and_lushness: u32,
-    @location(2) bend_rad: vec2f,
-    @location(3) presence: f32,
-    @location(4) widen: f32,
+// A knot of a simulated blade, without wind: metres from the blade's root, along the world's axes.
+struct SimulatedKnot {
+    position: vec3f,
+    _pad_0: u32,
 }
+
+@group(1) @binding(0) var<storage, read> lists: array<u32>;
+@group(1) @binding(1) var<storage, read> instances: array<Instance>;
+@group(1) @binding(2) var<storage, read> knots: array<ShapeKnot>;
+@group(1) @binding(3) var<storage, read> old_knots: array<ShapeKnot>;
+@group(1) @binding(4) var<storage, read> simulated_knots: array<SimulatedKnot>;
 
 const TAU = 6.2831853;
 
+fn shape_knot(at: u32, is_old: bool) -> ShapeKnot {
+    if is_old {
+        return old_knots[at];
+    }
+    return knots[at];
+}
+
 @vertex
-fn vs_main(vertex: Vertex) -> Ribbon {
-    let blade = patch_blades[vertex.blade_and_lushness & 0xFFFFu];
-    let lush = f32(vertex.blade_and_lushness >> 16u) * (1.0 / 255.0);
+fn vs_main(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) -> Ribbon {
+    let blade = instances[lists[at]];
     let packed = blade.shape_turn_scale_mirror;
-    let shape = shapes[shape_table[packed & 0xFFFu]];
     let turn = f32(packed >> 12u & 0xFFFu) * (TAU / 4096.0);
-    let size = mix(SCALE_MIN, SCALE_MAX, f32(packed >> 24u & 0x7Fu) * (1.0 / 127.0));
     let mirror = select(1.0, -1.0, packed >> 31u == 1u);
+    let is_old = blade.first_knot >> 31u == 1u;
+    let first_knot = blade.first_knot & 0x7FFFFFFFu;
 
     // The base vertex of the draw tells the level: 64 vertices are set apart for each.
-    let rows = LEVEL_ROWS[vertex.index >> 6u];
-    let row = (vertex.index & 63u) >> 1u;
-    let right = (vertex.index & 1u) == 1u;
-    let along = f32(row) / f32(rows - 1u);
-    let at = along * f32(shape.knot_count - 1u);
-    let lower = min(u32(at), shape.knot_count - 2u);
-    let a = knots[shape.first_knot + lower];
-    let b = knots[shape.first_knot + lower + 1u];
-    let between = at - f32(lower);
+    let level = index >> 6u;
+    let row = (index & 63u) >> 1u;
+    let right = (index & 1u) == 1u;
+    var knot = shape_knot(first_knot + row, is_old);
+    let along = knot.along;
+    let finest_row = knot.finest_row;
+    if blade.morph > 0.0 {
+        let coarse = first_knot + LEVEL_KNOTS[level] + knot.coarse_row;
+        let a = shape_knot(coarse, is_old);
+        let b = shape_knot(coarse + 1u, is_old);
+        let between = knot.coarse_between;
+        knot.position = mix(knot.position, mix(a.position, b.position, between), blade.morph);
+        knot.across = mix(knot.across, mix(a.across, b.across, between), blade.morph);
+        knot.tangent = mix(knot.tangent, mix(a.tangent, b.tangent, between), blade.morph);
+        knot.half_width_left =
+            mix(knot.half_width_left, mix(a.half_width_left, b.half_width_left, between), blade.morph);
+        knot.half_width_right =
+            mix(knot.half_width_right, mix(a.half_width_right, b.half_width_right, between), blade.morph);
+    }
 
-    // A blade that comes or goes grows or sinks, and does not pop.
-    let scale = size * mix(0.62, 1.08, lush) * vertex.presence;
     let flip = vec3f(mirror, 1.0, 1.0);
-    var midrib = mix(a.position, b.position, between) * flip * scale;
-    var across = mix(a.across, b.across, between) * flip;
-    var tangent = (b.position - a.position) * flip;
-
     let c = cos(turn);
     let s = sin(turn);
     let turned = mat3x3f(vec3f(c, 0.0, -s), vec3f(0.0, 1.0, 0.0), vec3f(s, 0.0, c));
     let lean_heading = f32(blade.lean_hue & 0xFFFu) * (TAU / 4096.0);
     let lean_rad = f32(blade.lean_hue >> 12u & 0xFFu) * (0.5 / 256.0);
-    let leaning = vec2f(cos(lean_heading), sin(lean_heading)) * lean_rad;
-    let turn_rad = 2.0 * along * vertex.bend_rad;
-    tangent = lean(turned * tangent, leaning);
-    midrib = bent(lean(turned * midrib, leaning), tangent, along, vertex.bend_rad);
-    across = normalize(lean(lean(turned * across, leaning), turn_rad));
+    let own_lean = vec2f(cos(lean_heading), sin(lean_heading)) * lean_rad;
+    var midrib = lean(turned * (knot.position * flip) * blade.scale, own_lean);
+    var across = lean(turned * (knot.across * flip), own_lean);
+    var tangent = lean(turned * (knot.tangent * flip), own_lean);
+    if blade.simulated >= 0 {
+        // Its own lean is in its knots already.
+        let first = u32(blade.simulated);
+        midrib = simulated_knots[first + finest_row].position;
+        let last = LEVEL_KNOTS[0] - 1u;
+        tangent = simulated_knots[first + min(finest_row + 1u, last)].position
+            - simulated_knots[first + max(finest_row, 1u) - 1u].position;
+    }
+    let turn_rad = 2.0 * along * blade.bend_rad;
+    midrib = bent(midrib, tangent, along, blade.bend_rad);
+    across = normalize(lean(across, turn_rad));
     tangent = lean(tangent, turn_rad);
 
-    let midrib_in_world = vertex.root_in_world + midrib;
+    let midrib_in_world = blade.root_in_world + midrib;
     let eye_distance = distance(midrib_in_world, frame.eye_in_world);
     // Never thinner than most of a pixel, else distant blades break up into dots.
-    let thinnest = 0.4 * frame.pixel_rad * eye_distance * (1.0 - along * along);
-    let widen = size * vertex.widen * sqrt(vertex.presence);
-    let left_width = max(mix(a.half_width_left, b.half_width_left, between) * widen, thinnest);
-    let right_width = max(mix(a.half_width_right, b.half_width_right, between) * widen, thinnest);
+    let thinnest = blade.thinnest_m * (1.0 - along * along);
+    let left_width = max(knot.half_width_left * blade.widen, thinnest);
+    let right_width = max(knot.half_width_right * blade.widen, thinnest);
     let offset = select(-left_width, right_width, right);
     // A blade seen on its edge turns a little towards the eye, or it would flicker as a dotted line.
     let normal = normalize(cross(tangent, across));
@@ -95,15 +123,15 @@ fn vs_main(vertex: Vertex) -> Ribbon {
     let in_world = midrib_in_world + (across + turned_across) * offset;
 
     let hue = f32(blade.lean_hue >> 20u) * (1.0 / 4095.0);
-    let leaf = leaf_of(along, lush, hue, blade.salt);
+    let leaf = leaf_of(along, blade.lush, hue, blade.salt);
 
     var ribbon: Ribbon;
     ribbon.position = frame.clip_from_world * vec4f(in_world, 1.0);
     ribbon.in_world = in_world;
     ribbon.normal = normal;
     ribbon.across = across;
-    ribbon.side_and_height = vec2f(select(-1.0, 1.0, right), max(in_world.y - vertex.root_in_world.y, 0.0));
+    ribbon.side_and_height = vec2f(select(-1.0, 1.0, right), max(in_world.y - blade.root_in_world.y, 0.0));
     ribbon.albedo = leaf.albedo;
-    ribbon.through_gloss_sun = vec3f(leaf.through, leaf.gloss, sunlight(vertex.root_in_world.xz));
+    ribbon.through_gloss_sun = vec3f(leaf.through, leaf.gloss, blade.sunlight);
     return ribbon;
 }

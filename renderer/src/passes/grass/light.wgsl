@@ -29,6 +29,6 @@ fn fs_main(ribbon: Ribbon) -> @location(0) vec4f {
     let rib = 1.0 + 0.22 * exp(-side * side * 60.0) - 0.12 * abs(side);
     let leaf = Leaf(ribbon.albedo * rib, ribbon.through_gloss_sun.x, ribbon.through_gloss_sun.y);
     let depth_m = max(CANOPY_M - ribbon.side_and_height.y, 0.0);
-    let lit = lit_leaf(leaf, facing, n, to_eye, depth_m, sun_below(depth_m), ribbon.through_gloss_sun.z, distance_m);
+    let lit = lit_leaf(leaf, facing, n, to_eye, depth_m, sun_at(ribbon.in_world, depth_m), ribbon.through_gloss_sun.z, distance_m);
     return stored(with_haze(lit, -to_eye, distance_m));
 }

@@ -1,39 +1,71 @@
-//! The blades, each a ribbon that the vertex shader expands from the library's own knot bytes.
+//! The blades, each a ribbon that the vertex shader expands from its shape's knots, or from simulated ones.
 
-use common::library::Snapshot;
 use wgpu::BufferUsages;
 
 use super::ScenePipeline;
-use super::cull::{Cull, LEVELS, gpu_data::Instance};
+use super::cull::gpu_data::Share;
+use super::cull::{Cull, NO_SHAPE, upload_shares};
+use super::shadow::Shadows;
 use crate::gpu::Gpu;
 use crate::gpu::buffers::{Use, bind, layout, upload};
-use crate::scene::grassland;
+use crate::scene::grassland::SHAPES;
+use crate::scene::grassland::mix;
+use crate::scene::grassland::shapes::{LEVEL_KNOTS, LEVELS, SHAPE_KNOTS, Shapes};
 
 /// What the shader reads, in its layout.
 pub mod gpu_data {
     use bytemuck::{Pod, Zeroable};
 
-    /// One blade of the library.
+    pub use crate::scene::grassland::shapes::ShapeKnot;
+
+    /// A knot of a simulated blade, without wind.
     #[repr(C)]
     #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-    pub struct Shape {
-        /// Its first knot.
-        pub first_knot: u32,
-        /// Its number of knots, 2..=64.
-        pub knot_count: u32,
+    pub struct SimulatedKnot {
+        /// Metres from the blade's root, along the world's axes.
+        pub position: glam::Vec3,
+        /// Padding.
+        pub _pad_0: u32,
     }
 }
-use gpu_data::Shape;
 
-/// How much taller than its captured shape a blade may grow: scale and lushness together.
-const MAX_GROWTH: f32 = grassland::SCALE.1 * 1.08;
+/// Levels of detail, from the nearest, that throw shadows: as far as the map of shadows reaches.
+const SHADOW_LEVELS: u32 = 2;
 
 /// A library on the GPU, whole and unchanging: a newer one is another value.
 #[derive(Debug)]
 pub struct Growth {
-    bindings: wgpu::BindGroup,
-    /// How far any part of any blade is from its root, metres.
+    /// What each shape index stands for: [`Share`]s.
+    pub shares: wgpu::Buffer,
+    knots: wgpu::Buffer,
+    /// How far any part of any shape is from its root, metres; 0 where nothing grows.
     pub reach_m: f32,
+}
+
+/// What each shape index stands for; `None`: nothing grows.
+pub fn shares(shapes: Option<&Shapes>) -> Vec<Share> {
+    let Some(shapes) = shapes else { return vec![Share { shape: NO_SHAPE, reach_m: 0.0 }; SHAPES] };
+    let reach_m = |entry: u32| shapes.knots[mix::shape_of(entry) * SHAPE_KNOTS as usize].reach_m;
+    shapes.table.iter().map(|entry| Share { shape: *entry, reach_m: reach_m(*entry) }).collect()
+}
+
+impl Growth {
+    /// Puts shapes on the GPU; `None`: nothing grows.
+    pub fn new(gpu: &Gpu, shapes: Option<&Shapes>) -> Self {
+        let knots = shapes.map_or(&[][..], |shapes| bytemuck::cast_slice(&shapes.knots));
+        // Even an empty list has room for one, or it could not be bound.
+        let knots = if knots.is_empty() { &[0; size_of::<gpu_data::ShapeKnot>()] } else { knots };
+        Self {
+            shares: upload_shares(gpu, &shares(shapes)),
+            knots: upload(gpu, "grass.knots", BufferUsages::STORAGE, knots),
+            reach_m: shapes.map_or(0.0, |shapes| shapes.reach_m),
+        }
+    }
+
+    /// Whether anything grows.
+    pub fn grows(&self) -> bool {
+        self.reach_m > 0.0
+    }
 }
 
 /// The pass.
@@ -42,69 +74,64 @@ pub struct Grass {
     pipeline: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
     indices: wgpu::Buffer,
+    simulated: wgpu::Buffer,
+    /// The shadows that it throws.
+    pub shadows: Shadows,
 }
 
 impl Grass {
     /// The pass, with the frame's layout.
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout) -> Self {
-        let layout = layout(gpu, "grass", wgpu::ShaderStages::VERTEX, &[Use::Read; 4]);
+        let layout = layout(gpu, "grass", wgpu::ShaderStages::VERTEX, &[Use::Read; 5]);
+        let shadows = Shadows::new(gpu, &layout);
         let pipeline = ScenePipeline {
             pass: "grass",
-            layouts: &[Some(frame), Some(&layout)],
-            buffers: &[Some(wgpu::VertexBufferLayout {
-                array_stride: size_of::<Instance>() as u64,
-                step_mode: wgpu::VertexStepMode::Instance,
-                attributes: &wgpu::vertex_attr_array![
-                    0 => Float32x3, 1 => Uint32, 2 => Float32x2, 3 => Float32, 4 => Float32
-                ],
-            })],
+            layouts: &[Some(frame), Some(&layout), Some(&shadows.layout)],
+            buffers: &[],
             topology: wgpu::PrimitiveTopology::TriangleList,
             depth: (wgpu::CompareFunction::Greater, true),
         };
-        let rows = LEVELS.iter().map(|level| level.rows).max().unwrap_or(2);
-        let indices: Vec<u16> =
-            (0..rows as u16 - 1).flat_map(|row| [0, 1, 2, 2, 1, 3].map(|corner| 2 * row + corner)).collect();
-        let indices = upload(gpu, "grass.indices", BufferUsages::INDEX, bytemuck::cast_slice(&indices));
-        Self { pipeline: pipeline.create(gpu), layout, indices }
-    }
-
-    /// Puts a library on the GPU; its knot bytes go there unchanged. `None`: nothing in it grows.
-    pub fn plant<B: AsRef<[u8]>>(
-        &self,
-        gpu: &Gpu,
-        patch: &wgpu::Buffer,
-        library: &Snapshot<B>,
-    ) -> Option<Growth> {
-        let weights: Vec<f32> = library.blades().map(|blade| blade.mix()).collect();
-        let table = grassland::shape_table(&weights)?;
-        let mut reach_m: f32 = 0.0;
-        let shapes: Vec<Shape> = library
-            .blades()
-            .map(|blade| {
-                let farthest = |reach: f32, knot: &common::blade::Knot| {
-                    reach.max(knot.left().length()).max(knot.right().length())
-                };
-                reach_m = blade.knots().iter().fold(reach_m, farthest);
-                let range = blade.knot_range();
-                Shape { first_knot: range.start as u32, knot_count: range.len() as u32 }
-            })
+        // Every level begins as the finest does; of the coarsest, the first triangle is all.
+        let indices: Vec<u16> = (0..LEVEL_KNOTS[0] as u16 - 1)
+            .flat_map(|row| [0, 1, 2, 2, 1, 3].map(|corner| 2 * row + corner))
             .collect();
-        let store = |label, bytes: &[u8]| upload(gpu, label, BufferUsages::STORAGE, bytes);
-        let buffers = [
-            &store("grass.shape_table", bytemuck::cast_slice(&table)),
-            &store("grass.shapes", bytemuck::cast_slice(&shapes)),
-            &store("grass.knots", library.knot_bytes()),
-        ];
-        let bindings = bind(gpu, "grass", &self.layout, &[patch, buffers[0], buffers[1], buffers[2]]);
-        Some(Growth { bindings, reach_m: reach_m * MAX_GROWTH })
+        let simulated = [0; size_of::<gpu_data::SimulatedKnot>()];
+        Self {
+            pipeline: pipeline.create(gpu),
+            layout,
+            indices: upload(gpu, "grass.indices", BufferUsages::INDEX, bytemuck::cast_slice(&indices)),
+            simulated: upload(gpu, "grass.simulated", BufferUsages::STORAGE, &simulated),
+            shadows,
+        }
     }
 
-    /// Draws what `cull` let through, all levels with one indirect draw; the frame is bound.
-    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, growth: &Growth, cull: &Cull) {
+    /// Binds what `cull` lets through of this library and the one before.
+    pub fn bind(&self, gpu: &Gpu, cull: &Cull, now: &Growth, before: &Growth) -> wgpu::BindGroup {
+        let buffers = [&cull.lists, &cull.instances, &now.knots, &before.knots, &self.simulated];
+        bind(gpu, "grass", &self.layout, &buffers)
+    }
+
+    /// Draws what `cull` let through, one indirect draw a level; frame and shadows are bound, `bindings` are
+    /// those of [`Grass::bind`].
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, bindings: &wgpu::BindGroup, cull: &Cull) {
         pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(1, &growth.bindings, &[]);
+        self.draw_levels(pass, bindings, cull, LEVELS as u32);
+    }
+
+    /// Draws the levels that throw shadows, with the pipeline that is set.
+    pub fn draw_near(&self, pass: &mut wgpu::RenderPass<'_>, bindings: &wgpu::BindGroup, cull: &Cull) {
+        self.draw_levels(pass, bindings, cull, SHADOW_LEVELS);
+    }
+
+    fn draw_levels(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        bindings: &wgpu::BindGroup,
+        cull: &Cull,
+        levels: u32,
+    ) {
+        pass.set_bind_group(1, bindings, &[]);
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint16);
-        pass.set_vertex_buffer(0, cull.instances.slice(..));
-        pass.multi_draw_indexed_indirect(&cull.draws, 0, LEVELS.len() as u32);
+        pass.multi_draw_indexed_indirect(&cull.draws, 0, levels);
     }
 }

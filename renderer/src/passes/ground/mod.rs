@@ -17,11 +17,11 @@ pub struct Ground {
 }
 
 impl Ground {
-    /// The pass, with the frame's layout.
-    pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout) -> Self {
+    /// The pass, with the layouts of the frame and of the shadows.
+    pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, shadow: &wgpu::BindGroupLayout) -> Self {
         let pipeline = ScenePipeline {
             pass: "ground",
-            layouts: &[Some(frame)],
+            layouts: &[Some(frame), None, Some(shadow)],
             buffers: &[],
             topology: wgpu::PrimitiveTopology::TriangleStrip,
             depth: (wgpu::CompareFunction::Greater, true),
@@ -29,7 +29,7 @@ impl Ground {
         Self { pipeline: pipeline.create(gpu) }
     }
 
-    /// Draws it; the frame is bound.
+    /// Draws it; frame and shadows are bound.
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
         pass.set_pipeline(&self.pipeline);
         pass.draw(0..2 * (SECTORS + 1), 0..RINGS);

@@ -5,8 +5,12 @@
 //! Any 64 consecutive patch blades fill a jittered 8×8 grid once (cell = index mod 64), so every
 //! tile is covered evenly whatever its offset, and grid neighbours are known without a search.
 //!
-//! Non-goals here: which blade a shape index means (that is the library's mix, [`shape_table`]
-//! resolves it) and what is drawn (`passes/cull`).
+//! [`field`] says where grass grows and which of it the eye can see, [`mix`] which shape stands where,
+//! [`shapes`] how the shapes look at each level of detail. Non-goal here: what is drawn (`passes/cull`).
+
+pub mod field;
+pub mod mix;
+pub mod shapes;
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec2;
@@ -79,26 +83,6 @@ pub fn tile_offset(tile_x: i32, tile_z: i32) -> u32 {
     hash(tile_x, tile_z) % (PATCH_BLADES - TILE_BLADES + 1)
 }
 
-/// Which blade of the library each shape index stands for, by the blades' mix weights: a blade with
-/// twice the weight has twice the indices (to 1/4096).
-///
-/// `weights`: one per blade of the library, finite, ≥ 0. `None` when no weight is above zero: then
-/// nothing grows.
-pub fn shape_table(weights: &[f32]) -> Option<Vec<u32>> {
-    let total: f64 = weights.iter().map(|weight| f64::from(*weight)).sum();
-    if total <= 0.0 {
-        return None;
-    }
-    let mut table = Vec::with_capacity(SHAPES);
-    let mut sum = 0.0;
-    for (blade, weight) in weights.iter().enumerate() {
-        sum += f64::from(*weight);
-        let end = (sum / total * SHAPES as f64).round() as usize;
-        table.resize(end.clamp(table.len(), SHAPES), blade as u32);
-    }
-    Some(table)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,16 +117,5 @@ mod tests {
             }
         }
         assert!(offsets.len() > 5000, "{} different offsets of 6400", offsets.len());
-    }
-
-    #[test]
-    fn shapes_follow_the_mix() {
-        assert_eq!(shape_table(&[]), None);
-        assert_eq!(shape_table(&[0.0, 0.0]), None);
-        let table = shape_table(&[1.0, 0.0, 3.0]).expect("something grows");
-        let count = |blade| table.iter().filter(|entry| **entry == blade).count();
-        assert_eq!((table.len(), count(0), count(1), count(2)), (SHAPES, 1024, 0, 3072));
-        let thirds = shape_table(&[0.1; 3]).expect("something grows");
-        assert_eq!(thirds.len(), SHAPES);
     }
 }
