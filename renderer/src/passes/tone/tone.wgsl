@@ -5,7 +5,7 @@
 
 override ENCODE_SRGB: bool = false;
 
-const CONTRAST = 1.22;
+const CONTRAST = 1.28;
 const SATURATION = 1.22;
 
 @group(0) @binding(0) var scene: texture_2d<f32>;
@@ -31,7 +31,7 @@ fn agx(light: vec3f) -> vec3f {
     let x2 = x * x;
     let x4 = x2 * x2;
     let curve = 15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x - 0.00232;
-    let punchy = pow(max(curve, vec3f(0.0)), vec3f(CONTRAST)) ;
+    let punchy = pow(max(curve, vec3f(0.0)), vec3f(CONTRAST));
     let grey = dot(punchy, vec3f(0.2126, 0.7152, 0.0722));
     return saturate(outset * (grey + SATURATION * (punchy - grey)));
 }
