@@ -135,7 +135,8 @@ fn stages(
     blades: usize,
 ) -> anyhow::Result<()> {
     let down = params.pose.down_in_image();
-    let of_parts = partition::PartitionParams { down, ..Default::default() };
+    let of_parts =
+        partition::PartitionParams { camera: frame.camera, pose: params.pose, ..Default::default() };
     let of_ribbons = ribbon::RibbonParams { down, ..Default::default() };
     let mask = timed("mask", || mask::extract(held, &params.mask));
     let (pieces, blobs) =

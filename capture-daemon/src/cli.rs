@@ -187,8 +187,8 @@ pub enum BladesVerb {
     },
     /// Go back to an earlier blade of a name: undo a removal, a swap, a weight or a renaming
     ///
-    /// A blade that was removed, replaced (by a file, an import or a capture of the archive) or weighted otherwise
-    /// comes back as it was, with its weight. One that was renamed gets this name back, and is else as it is now. What
+    /// A blade that was removed, replaced (by a file or an import), weighted otherwise or sent to the archive comes
+    /// back as it was, with its weight. One that was renamed gets this name back, and is else as it is now. What
     /// has the name meanwhile goes to the history, so that the same command again undoes this one. Up to 16 blades
     /// of a name are kept; `show` lists them.
     ///

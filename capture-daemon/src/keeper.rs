@@ -116,6 +116,8 @@ pub(crate) struct Keeper {
     watcher: Option<notify::RecommendedWatcher>,
     waiting: VecDeque<Record>,
     trouble: Option<String>,
+    /// The log says that there is trouble, and not yet that it is over.
+    is_said: bool,
     lost: u64,
     captures: u64,
     repeats: u64,
@@ -135,6 +137,7 @@ impl Keeper {
             watcher: None,
             waiting: VecDeque::new(),
             trouble: None,
+            is_said: false,
             lost: 0,
             captures: 0,
             repeats: 0,
@@ -385,7 +388,10 @@ impl Keeper {
             self.note_trouble(&error);
         }
         match (&before, &self.trouble) {
-            (Some(_), None) => tracing::info!("the store can be written again"),
+            (Some(_), None) => {
+                self.is_said = false;
+                tracing::info!("the store can be written again");
+            }
             (Some(before), Some(now)) if before != now => {
                 tracing::warn!(reason = now, "the store cannot be written")
             }
@@ -396,7 +402,8 @@ impl Keeper {
 
     fn note_trouble(&mut self, error: &StoreError) {
         let reason = error.to_string();
-        if self.trouble.is_none() {
+        if !self.is_said {
+            self.is_said = true;
             tracing::warn!(reason, "the store cannot be written; it is tried again every second");
         }
         self.trouble = Some(reason);

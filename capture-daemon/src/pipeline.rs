@@ -59,7 +59,7 @@ pub fn capture(
     params: &PipelineParams,
 ) -> Steps {
     let down = params.pose.down_in_image();
-    let partition = PartitionParams { down, ..PartitionParams::default() };
+    let partition = PartitionParams { camera: *camera, pose: params.pose, ..PartitionParams::default() };
 
     let mask = mask::extract(frames, &params.mask);
     let outlines = contour::trace(&mask, &mask.pieces);

@@ -156,3 +156,27 @@ fn a_leaf_that_comes_towards_the_camera_is_followed_from_its_stem_to_its_tip() {
     let found = capture.steps.blades.iter().map(ends).any(|[from, to]| near(from, root) && near(to, tip));
     assert!(found, "{:?}", capture.steps.blades.iter().map(ends).collect::<Vec<_>>());
 }
+
+#[test]
+fn leaves_before_and_behind_others_have_midribs_from_the_stem_on() {
+    let Some(data) = data() else { return };
+    // Both ends by eye on enlarged depth: a leaf that falls out of the region towards the camera, and three of
+    // which one edge is hidden all along by a leaf before them.
+    let leaves = [
+        ("DepthImage_21690878844_3.png", (213.0, 265.0), (235.0, 322.0)),
+        ("DepthImage_21690878844_3.png", (218.0, 262.0), (228.0, 199.0)),
+        ("DepthImage_21690878844_3.png", (217.0, 226.0), (234.0, 135.0)),
+        ("DepthImage_21660538681_2.png", (216.0, 274.0), (178.0, 206.0)),
+    ];
+    for (png, root, tip) in leaves {
+        let captures = captures(&data.join("sorghum_kinect2"), png, &SORGHUM);
+        let [(capture, _)] = captures.as_slice() else { panic!("{} captures", captures.len()) };
+        let ends = |skeleton: &capture_daemon::stages::skeleton::Skeleton| {
+            [0, skeleton.stations.len() - 1].map(|i| skeleton.stations[i].mid.as_dvec2())
+        };
+        let near = |at: glam::DVec2, (x, y): (f64, f64)| at.distance(glam::DVec2::new(x, y)) < 12.0;
+        let all: Vec<_> = capture.steps.skeletons.iter().map(ends).collect();
+        let found = all.iter().any(|[from, to]| near(*from, root) && near(*to, tip));
+        assert!(found, "{png}: no midrib from {root:?} to {tip:?}: {all:?}");
+    }
+}

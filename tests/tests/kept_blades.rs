@@ -342,6 +342,8 @@ fn a_disk_that_is_read_only_is_served_and_written_again_when_it_can_be() {
     assert_eq!(reply["error"], "io.sward.Station.StoreTrouble", "{reply}");
     assert_eq!(names(&mut station), ["fern"]);
 
+    // It is tried again some times meanwhile, and said once.
+    std::thread::sleep(Duration::from_secs(3));
     let state = daemon.folder().join("state");
     let id = daemon.running().id().to_string();
     let mut remount = Command::new("nsenter");
@@ -359,6 +361,9 @@ fn a_disk_that_is_read_only_is_served_and_written_again_when_it_can_be() {
     library_with(&mut station, |blades| blades.len() > 1);
     assert_eq!(daemon.client(&["blades", "remove", "fern"]).code, Some(0));
     wait_for(DEADLINE, || (station.status()["store"] == "ok").then_some(())).expect("it goes on by itself");
+    let (_, finished) = daemon.end();
+    assert_eq!(finished.stderr.matches("it is tried again every second").count(), 1, "{finished:?}");
+    assert_eq!(finished.stderr.matches("the store can be written again").count(), 1, "{finished:?}");
 }
 
 #[test]

@@ -195,6 +195,8 @@ fn with_a_stuck_frame_thread(manager: Option<&Path>) -> (Daemon, StuckLog) {
     let settings = [("source.loop", "true".to_owned()), ("source.rate", "0.0".to_owned())];
     let command = Daemon::command(folder.path(), &settings);
     let (mut log, mut command) = StuckLog::of(folder.path(), &command);
+    // That thread alone says something of each capture, also of one that was seen before.
+    command.env("SWARD_LOG", "info,capture_daemon::frames=debug");
     if let Some(manager) = manager {
         command.env("NOTIFY_SOCKET", manager).env("WATCHDOG_USEC", "400000");
     }

@@ -77,6 +77,12 @@ impl Field {
         inside && self.twelfths[(y - y0) * (x1 - x0) + x - x0] == 0
     }
 
+    /// Distance of a pixel of the bounding box, pixels; infinite where none is known.
+    pub(super) fn of_pixel(&self, index: usize) -> f32 {
+        let twelfths = self.twelfths[index];
+        if twelfths == u32::MAX { f32::INFINITY } else { twelfths as f32 / 12.0 }
+    }
+
     /// The pixel that is farthest from the root, the first of several.
     fn farthest(&self) -> Option<usize> {
         let reached = |twelfths: &u32| twelfths.wrapping_add(1);
@@ -115,6 +121,24 @@ impl Blob {
                 .any(|v| (x.saturating_sub(2)..=x + 2).any(|u| u < image_width && other(v * image_width + u)))
         };
         (0..self.body.len()).filter(|index| self.body[*index]).filter(touches).collect()
+    }
+
+    /// Where a pixel is in an image of so many columns.
+    pub(super) fn in_image(&self, index: usize, image_width: usize) -> usize {
+        (self.bounds[1] + index / self.width) * image_width + self.bounds[0] + index % self.width
+    }
+
+    /// Whether a pixel of the body is at the edge of it.
+    pub(super) fn is_rim(&self, index: usize) -> bool {
+        let x = index % self.width;
+        let of_it = |there: usize| self.body.get(there) == Some(&true);
+        x == 0
+            || x + 1 == self.width
+            || index < self.width
+            || !of_it(index - 1)
+            || !of_it(index + 1)
+            || !of_it(index - self.width)
+            || !of_it(index + self.width)
     }
 
     pub(super) fn distance_from(&self, roots: &[usize]) -> Field {
@@ -156,8 +180,9 @@ impl Blob {
     }
 
     /// Where the blob leaves the region: the run of pixels along the border that is nearest to all of it
-    /// within it. A leaf that droops out of the picture is farther from the others than their stem.
-    pub(super) fn border(&self, region: [usize; 4]) -> Option<Vec<usize>> {
+    /// within it, of those in its lower half if there are any. A leaf that droops out of the picture is farther
+    /// from the others than their stem, and what is cut off above has its root below all the same.
+    pub(super) fn border(&self, region: [usize; 4], down: Vec2) -> Option<Vec<usize>> {
         const MOST: usize = 8;
         let mut runs = self.border_runs(region);
         runs.retain(|run| run.len() >= MIN_BORDER_PX);
@@ -166,11 +191,15 @@ impl Blob {
         if runs.len() < 2 {
             return runs.pop();
         }
+        let body = self.body.iter().enumerate().filter(|(_, body)| **body);
+        let (sum, count) = body
+            .fold((0.0, 0.0), |(sum, count), (index, _)| (sum + self.height_below(index, down), count + 1.0));
+        let is_low = |run: &Vec<usize>| self.height_below(run[run.len() / 2], down) * count > sum;
         let total = |run: &Vec<usize>| {
             let distance = distances(&self.body, self.width, run);
             distance.into_iter().filter(|it| *it != u32::MAX).map(u64::from).sum::<u64>()
         };
-        runs.into_iter().min_by_key(total)
+        runs.into_iter().min_by_key(|run| (!is_low(run), total(run)))
     }
 
     /// The connected runs of pixels along the border of the region.

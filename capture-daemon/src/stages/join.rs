@@ -35,7 +35,7 @@ pub(super) fn join(mask: &Mask, ribbons: &mut Vec<Ribbon>, params: &RibbonParams
 }
 
 /// Sections about a pixel apart from the last one to `to`.
-fn bridge(sections: &mut Vec<Section>, to: Section) {
+pub(super) fn bridge(sections: &mut Vec<Section>, to: Section) {
     let from = sections[sections.len() - 1];
     let steps = from.expected.mid.distance(to.expected.mid) as usize;
     for k in 1..steps {

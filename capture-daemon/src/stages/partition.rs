@@ -6,6 +6,8 @@ use glam::Vec2;
 use super::blob::{Blob, Field, MIN_BORDER_PX, distances};
 use super::contour::Outline;
 use super::mask::{Labels, Mask};
+use super::overhang;
+use crate::frame::{CameraModel, CameraPose};
 
 /// How outlines are divided.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,13 +16,16 @@ pub struct PartitionParams {
     pub min_persistence_px: f32,
     /// And by at least this share of the farthest tip's distance.
     pub min_persistence: f32,
-    /// Where gravity points in the image; unit vector.
-    pub down: Vec2,
+    /// The camera, by which pixels are points in space.
+    pub camera: CameraModel,
+    /// How it stands against gravity.
+    pub pose: CameraPose,
 }
 
 impl Default for PartitionParams {
     fn default() -> Self {
-        Self { min_persistence_px: 8.0, min_persistence: 0.08, down: Vec2::Y }
+        let camera = CameraModel { fx: 570.0, fy: 570.0, cx: 319.5, cy: 239.5 };
+        Self { min_persistence_px: 8.0, min_persistence: 0.08, camera, pose: CameraPose::default() }
     }
 }
 
@@ -44,6 +49,9 @@ pub struct Part {
     pub right: Side,
     /// Whether the blade was cut from others at its base; else its base is the blob's own end.
     pub cut: bool,
+    /// Of a leaf that falls out of the region: where it comes out before what it grows on, image pixels. Its
+    /// sides lead from the border to there.
+    pub base: Option<Vec2>,
 }
 
 impl Part {
@@ -70,10 +78,17 @@ const FORKED: f32 = -0.2;
 /// is the hub; extrema count by their persistence; a blade is cut at its inner gap, straight across.
 pub fn flow(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionParams) -> Vec<Part> {
     let Some(points) = evenly(outline) else { return Vec::new() };
-    let Some((field, walked)) = walk(mask, labels, outline.label, &points, params) else {
+    let Some(blob) = Blob::of(mask, labels, outline.label) else { return Vec::new() };
+    let Some(Rooted { field, walked, border }) = walk(mask, &blob, &points, params) else {
         return Vec::new();
     };
-    let Walk { points, flow, tips } = walked.unwrap_or_else(|| Walk::from_root(&points, &field, params));
+    let label = outline.label;
+    let base = border.and_then(|border| overhang::base(mask, &blob, label, &border, &field, params));
+    let Walk { points, flow, mut tips } = walked.unwrap_or_else(|| Walk::from_root(&points, &field, params));
+    if base.is_some() {
+        // What looks like tips are corners of where it comes out.
+        tips = persistent_maxima(&flow, f32::INFINITY);
+    }
     let mut gaps = vec![0];
     gaps.extend(tips.windows(2).map(|pair| argmin(&flow, pair[0]..pair[1])));
     gaps.push(flow.len() - 1);
@@ -86,16 +101,16 @@ pub fn flow(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionP
         let mut right = side(*tip..=after);
         right.points.reverse();
         right.flow_px.reverse();
-        let label = outline.label;
-        Part { label, left: side(before..=*tip), right, cut: tips.len() > 1 }
+        Part { label, left: side(before..=*tip), right, cut: tips.len() > 1, base }
     };
     tips.iter().enumerate().map(blade).collect()
 }
 
 /// Distance from its root to each pixel of the region behind an outline.
 pub fn root_distance(mask: &Mask, labels: &Labels, outline: &Outline, params: &PartitionParams) -> Field {
-    let walked = evenly(outline).and_then(|points| walk(mask, labels, outline.label, &points, params));
-    walked.map_or_else(Field::default, |(field, _)| field)
+    let blob = Blob::of(mask, labels, outline.label);
+    let walked = evenly(outline).zip(blob).and_then(|(points, blob)| walk(mask, &blob, &points, params));
+    walked.map_or_else(Field::default, |rooted| rooted.field)
 }
 
 /// The outline at points one pixel apart; `None` if it is too short to be a blade's.
@@ -112,51 +127,56 @@ fn evenly(outline: &Outline) -> Option<Vec<Vec2>> {
     Some(points)
 }
 
-/// Distance from the root of an outline; and the walk from there, where the root is not told without it.
-fn walk(
-    mask: &Mask,
-    labels: &Labels,
-    label: u16,
-    points: &[Vec2],
-    params: &PartitionParams,
-) -> Option<(Field, Option<Walk>)> {
-    let blob = Blob::of(mask, labels, label)?;
+/// Where an outline has its root.
+struct Rooted {
+    /// Distances from there.
+    field: Field,
+    /// The walk from there, where the root is not told without it.
+    walked: Option<Walk>,
+    /// The pixels of the region's border that the root is taken to be.
+    border: Option<Vec<usize>>,
+}
+
+fn walk(mask: &Mask, blob: &Blob, points: &[Vec2], params: &PartitionParams) -> Option<Rooted> {
+    let at = |field: Field| Some(Rooted { field, walked: None, border: None });
     if mask.has_hand() {
         let grip = blob.beside(|index| mask.is_hand(index), mask.width);
         if grip.len() >= MIN_BORDER_PX {
-            return Some((blob.distance_from(&grip), None));
+            return at(blob.distance_from(&grip));
         }
     }
-    if let Some(border) = blob.border(mask.region) {
-        let stem = towards_stem(mask, &blob, &border);
-        return Some((blob.distance_from(&stem.map_or(border, |nearest| vec![nearest])), None));
+    let down = params.pose.down_in_image();
+    if let Some(border) = blob.border(mask.region, down) {
+        if let Some(nearest) = towards_stem(mask, blob, &border, down) {
+            return at(blob.distance_from(&[nearest]));
+        }
+        let field = blob.distance_from(&border);
+        return Some(Rooted { field, walked: None, border: Some(border) });
     }
     // The end of a single blade need not be its lowest pixel: it can sag between its ends. The ends
     // of a tuft are two of its tips: its root is what is lowest.
-    let lowest = blob.lowest(params.down)?;
+    let lowest = blob.lowest(down)?;
     let from_lowest = blob.distance_from(&[lowest]);
     let tuft = Walk::from_root(points, &from_lowest, params);
     // One blade has two ends, wherever its lowest pixel is: the rest need not be looked at.
     if tuft.tips.len() > 2 {
-        return Some((from_lowest, Some(tuft)));
+        return Some(Rooted { field: from_lowest, walked: Some(tuft), border: None });
     }
-    let from_end = blob.distance_from_lower_end(lowest, &from_lowest, params.down);
+    let from_end = blob.distance_from_lower_end(lowest, &from_lowest, down);
     let single = Walk::from_root(points, &from_end, params);
     let is_tuft = single.tips.len() > 1 || tuft.is_forked();
-    Some(if is_tuft { (from_lowest, Some(tuft)) } else { (from_end, Some(single)) })
+    let (field, walked) = if is_tuft { (from_lowest, tuft) } else { (from_end, single) };
+    Some(Rooted { field, walked: Some(walked), border: None })
 }
 
 /// Of a piece that leaves the region elsewhere than the blob that it is a part of: the pixel nearest to
 /// where the blob does. `None` for all others.
-fn towards_stem(mask: &Mask, piece: &Blob, border: &[usize]) -> Option<usize> {
-    let in_image = |blob: &Blob, index: usize| {
-        (blob.bounds[1] + index / blob.width) * mask.width + blob.bounds[0] + index % blob.width
-    };
-    let label = mask.blobs.of[in_image(piece, *border.first()?)];
+fn towards_stem(mask: &Mask, piece: &Blob, border: &[usize], down: Vec2) -> Option<usize> {
+    let label = mask.blobs.of[piece.in_image(*border.first()?, mask.width)];
     let whole = Blob::of(mask, &mask.blobs, label)?;
-    let root = whole.border(mask.region)?;
-    let of_root: Vec<usize> = root.iter().map(|index| in_image(&whole, *index)).collect();
-    if border.iter().any(|index| of_root.contains(&in_image(piece, *index))) {
+    let root = whole.border(mask.region, down)?;
+    let of_root: Vec<usize> = root.iter().map(|index| whole.in_image(*index, mask.width)).collect();
+    if border.iter().any(|index| of_root.contains(&piece.in_image(*index, mask.width))) {
         return None;
     }
     let distance = distances(&whole.body, whole.width, &root);

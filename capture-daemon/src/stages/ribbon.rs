@@ -9,11 +9,13 @@ use super::crease;
 use super::crossing;
 use super::join::join;
 use super::mask::Mask;
+use super::overhang;
 use super::partition::Part;
 use super::section::{Expected, Measured, Middle};
 use super::seed::seed;
 use super::settle::{moved, settle, settle_roughly};
 use super::stem;
+use super::strip;
 use super::trend::Trend;
 use super::tuft::{self, Ground};
 
@@ -85,8 +87,9 @@ pub(super) const MIN_SEED_PX: usize = 8;
 /// Follows every part and keeps each blade once, the longest first. `fields`: distance from its root
 /// for each blob, by label. O(parts · length · width).
 pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams) -> Vec<Ribbon> {
+    let mut strips = Vec::new();
     let mut ribbons: Vec<Ribbon> =
-        parts.iter().filter_map(|part| visible_stretch(mask, part, params.focal_px)).collect();
+        parts.iter().filter_map(|part| visible_stretch(mask, part, params.focal_px, &mut strips)).collect();
     let longest_first = |ribbons: &mut Vec<Ribbon>| {
         ribbons.sort_by_key(|ribbon| std::cmp::Reverse(ribbon.sections.len()));
     };
@@ -94,6 +97,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     join(mask, &mut ribbons, params);
     crossing::join(mask, &mut ribbons);
     ribbons.iter_mut().for_each(|ribbon| follow(mask, ribbon, fields, params));
+    strip::add(mask, &mut ribbons, &strips, fields, params);
     let ground = Ground::of(mask, params.down);
     let attached = stem::attach(mask, &mut ribbons, fields, &ground, params);
     tuft::gather(mask, &mut ribbons, &ground, params);
@@ -124,30 +128,47 @@ pub(super) fn tolerance_m(mask: &Mask) -> f32 {
     (factor * mask.depth_noise_m).clamp(0.002, 0.020)
 }
 
-/// What the outline shows of a blade.
-fn visible_stretch(mask: &Mask, part: &Part, focal_px: f32) -> Option<Ribbon> {
+/// What the outline shows of a blade; where it shows but one edge of it, that goes to `strips`.
+fn visible_stretch<'a>(
+    mask: &Mask,
+    part: &'a Part,
+    focal_px: f32,
+    strips: &mut Vec<&'a Part>,
+) -> Option<Ribbon> {
     let mut sections = seed(mask, part)?;
     crease::expect_if_deep(mask, &mut sections, focal_px);
     settle_roughly(mask, &mut sections, 12.0);
     settle(mask, &mut sections, 12.0);
     // Beside what hides it the stretch narrows to a wedge that says nothing about the blade.
     let clear = |section: &Section| section.measured.middle == Middle::Blade && section.edges_seen() == 2;
-    let first = sections.iter().position(clear)?;
-    let last = sections.iter().rposition(clear)?;
+    let (first, last) = (sections.iter().position(clear), sections.iter().rposition(clear));
+    let Some((first, last)) = first.zip(last).filter(|(first, last)| last - first + 1 >= MIN_SEED_PX) else {
+        strips.push(part);
+        return None;
+    };
+    if 2 * (last - first + 1) < sections.len() {
+        strips.push(part);
+    }
     sections.truncate(last + 1);
     sections.drain(..first);
-    let root = if part.cut { End::Shared } else { End::Free };
+    if let Some(base) = part.base {
+        sections = overhang::turned(mask, sections, base);
+    }
+    let root = if part.cut || part.base.is_some() { End::Shared } else { End::Free };
     (sections.len() >= MIN_SEED_PX).then_some(Ribbon { sections, root, tip: End::Free, unsure: 0 })
 }
 
 /// Follows a ribbon on at both ends and finds out which one is the root.
-fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonParams) {
+pub(super) fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonParams) {
     let cut = ribbon.root == End::Shared;
     let sections = &mut ribbon.sections;
-    ribbon.tip = extend(mask, sections, &[], params);
-    reverse(sections);
-    ribbon.root = extend(mask, sections, fields, params);
-    reverse(sections);
+    ribbon.tip = extend(mask, sections, &[], params, fits);
+    // What is led to its base is there.
+    if sections[0].guide_px.is_none() {
+        reverse(sections);
+        ribbon.root = extend(mask, sections, fields, params, fits);
+        reverse(sections);
+    }
     let first_is_root = match (ribbon.root, ribbon.tip) {
         _ if cut => true,
         (End::Shared, End::Shared) | (End::Free | End::Lost, End::Free | End::Lost) => {
@@ -267,8 +288,14 @@ impl Section {
     }
 }
 
-/// Follows the blade on from the last section.
-fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &RibbonParams) -> End {
+/// Follows the blade on from the last section. `fits`: whether what comes out from behind something is it.
+pub(super) fn extend(
+    mask: &Mask,
+    sections: &mut Vec<Section>,
+    fields: &[Field],
+    params: &RibbonParams,
+    fits: impl Fn(&Section) -> bool,
+) -> End {
     let mut seen = sections.len();
     let (mut hidden, mut unseen, mut gone) = (0, 0, 0);
     // The last section that stood clear of all others, and how far it is back.
@@ -336,7 +363,7 @@ fn extend(mask: &Mask, sections: &mut Vec<Section>, fields: &[Field], params: &R
 }
 
 /// Whether what comes out from behind something looks like the blade that went in.
-fn fits(section: &Section) -> bool {
+pub(super) fn fits(section: &Section) -> bool {
     let expected = 2.0 * section.expected.half_px;
     match (section.measured.left_px, section.measured.right_px) {
         (Some(left), Some(right)) => ((right - left) - expected).abs() < 0.35 * expected + 1.5,
@@ -354,7 +381,7 @@ fn root_is_far(mask: &Mask, section: &Section, fields: &[Field]) -> bool {
 }
 
 /// The place of a ribbon in the picture, to tell whether others lie on it.
-struct Course<'a> {
+pub(super) struct Course<'a> {
     sections: &'a [Section],
     /// Bounding box of what it reaches.
     reached: Extent,
@@ -383,7 +410,7 @@ impl Extent {
 }
 
 impl<'a> Course<'a> {
-    fn of(sections: &'a [Section]) -> Self {
+    pub(super) fn of(sections: &'a [Section]) -> Self {
         let reached = |section: &Section| {
             let (mid, reach) = (section.expected.mid, Vec2::splat(Self::reach_px(section)));
             Extent { low: mid - reach, high: mid + reach }
@@ -418,7 +445,7 @@ impl<'a> Course<'a> {
     }
 
     /// Whether it has most of what is seen of another one.
-    fn covers(&self, other: &Self, mask: &Mask) -> bool {
+    pub(super) fn covers(&self, other: &Self, mask: &Mask) -> bool {
         if self.reached.low.cmpgt(other.reached.high).any()
             || other.reached.low.cmpgt(self.reached.high).any()
         {

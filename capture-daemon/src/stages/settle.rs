@@ -4,7 +4,7 @@ use common::geometry::smooth::Penalised;
 use glam::Vec2;
 
 use super::mask::Mask;
-use super::ribbon::{Section, tolerance_m};
+use super::ribbon::{MIN_SEED_PX, Section, tolerance_m};
 use super::section::{Expected, Fold, Measured, Middle};
 
 /// Half-height wavelengths of the smoothing along a ribbon, pixels.
@@ -20,7 +20,11 @@ pub(super) fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) 
         Some(half_px) if mask.frames >= 4 => Some(f64::from(half_px)),
         _ => (s.edges_seen() == 2).then(|| measured_half(s)),
     };
-    let widest = sections.iter().filter_map(known).fold(0.5, f64::max);
+    let mut widest = sections.iter().filter_map(known).fold(0.5, f64::max);
+    // A strip beside what hides its other edge is as wide as it was found.
+    if sections.iter().filter_map(known).nth(MIN_SEED_PX - 1).is_none() {
+        widest = sections.iter().map(measured_half).fold(widest, f64::max);
+    }
     smooth_and_measure(mask, sections, wavelength_px, widest, 0.0);
 }
 

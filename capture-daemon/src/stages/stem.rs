@@ -19,6 +19,8 @@ const MIN_SLENDERNESS: f32 = 4.0;
 const MIN_STEM: f32 = 0.33;
 /// At most this share of its leaves lead to one place: those of a tuft do.
 const MAX_TUFT: f32 = 0.5;
+/// What runs on the stem with more than this share of its length is the stem.
+const OF_STEM: f32 = 0.6;
 /// A leaf's base is led no farther than this, in lengths of what is seen of the leaf.
 const MAX_LED: f32 = 3.0;
 
@@ -270,8 +272,8 @@ impl Ways {
         longest
     }
 
-    /// Leads leaves to their stem; `false` where they share none.
-    fn lead(&mut self, mask: &Mask, leaves: &mut [Ribbon]) -> bool {
+    /// Leads leaves to their stem, and takes away stretches of the stem itself; `false` where they share none.
+    fn lead(&mut self, mask: &Mask, leaves: &mut Vec<Ribbon>) -> bool {
         let roots: Vec<usize> =
             leaves.iter().map(|leaf| rooted(mask, leaf, self.label).unwrap_or(0)).collect();
         let mut ways_from = |starts: &[usize]| -> Vec<Vec<usize>> {
@@ -313,6 +315,13 @@ impl Ways {
         let longest = self.longest(mask, leaves);
         let others =
             |index: usize, own: usize| self.place(mask, index).is_some_and(|place| longest[place] > own);
+        let runs_on_it = |leaf: &Ribbon| leaf.sections.iter().filter(|section| near_stem(section)).count();
+        // What makes up most of it may be a leaf that was taken for it.
+        let is_stem = |leaf: &Ribbon| {
+            let length = leaf.sections.len();
+            2 * length < stem_way.len() && runs_on_it(leaf) as f32 > OF_STEM * length as f32
+        };
+        let are_leaves: Vec<bool> = leaves.iter().map(|leaf| !is_stem(leaf)).collect();
         let each = leaves.iter_mut().zip(roots).zip(ways.iter().zip(&joins));
         for ((leaf, root), (way, join)) in each {
             let length = leaf.sections.len();
@@ -335,6 +344,8 @@ impl Ways {
             }
             (leaf.root, leaf.unsure) = (End::Shared, 0);
         }
+        let mut are_leaves = are_leaves.into_iter();
+        leaves.retain(|_| are_leaves.next() == Some(true));
         true
     }
 }

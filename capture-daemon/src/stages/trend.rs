@@ -90,3 +90,73 @@ impl Trend {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{CameraModel, DepthFrame};
+    use crate::stages::accumulate::Accumulation;
+    use crate::stages::mask::{self, Mask, MaskParams};
+    use crate::stages::ribbon::{ANCHOR, RibbonParams, extend, fits};
+
+    const MIDDLE: f32 = 40.0;
+    const HALF_PX: f32 = 8.5;
+    const FIRST: usize = 150;
+    const TIP: usize = 20;
+
+    /// Depth in the middle of a leaf that comes towards the camera, and its slope across, at a row.
+    fn leaf(row: usize) -> (f32, f32) {
+        let along = FIRST as f32 - row as f32;
+        (0.60 - 8.0e-4 * along, 5.0e-6 * along)
+    }
+
+    /// A leaf up a column before a wall at 1.4 m.
+    fn drawn() -> Mask {
+        let (width, height) = (80, 200);
+        let depth_m = |x: usize, y: usize| {
+            let (middle_m, slope_m) = leaf(y);
+            let aside = x as f32 - MIDDLE;
+            if aside.abs() < HALF_PX && y >= TIP { middle_m + slope_m * aside } else { 1.4 }
+        };
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let frame = DepthFrame {
+            width,
+            height,
+            depth: pixels.map(|(x, y)| (1e4 * depth_m(x, y)).round() as u16).collect(),
+            depth_unit_m: 1e-4,
+            timestamp_ns: 0,
+            camera: CameraModel { fx: 570.0, fy: 570.0, cx: 40.0, cy: 100.0 },
+        };
+        let params = MaskParams::default();
+        let mut accumulation = Accumulation::like(&frame);
+        accumulation.add(&frame, &params);
+        mask::extract(&accumulation, &params)
+    }
+
+    #[test]
+    fn a_leaf_whose_slope_across_grows_towards_the_camera_is_followed_to_its_tip() {
+        let mask = drawn();
+        let section = |row: usize| {
+            let (depth_m, slope_m) = leaf(row);
+            let expected = Expected {
+                mid: Vec2::new(MIDDLE, row as f32),
+                across: Vec2::X,
+                half_px: HALF_PX,
+                depth_m,
+                slope_m,
+                fold: Fold::default(),
+                tolerance_m: 0.002,
+                search_px: 2.0,
+            };
+            Section { expected, measured: expected.measure(&mask), anchor: ANCHOR, guide_px: None }
+        };
+        let mut sections: Vec<Section> = (FIRST - 30..=FIRST).rev().map(section).collect();
+        extend(&mask, &mut sections, &[], &RibbonParams::default(), fits);
+        let last = &sections[sections.len() - 1].expected;
+        assert!(last.mid.y < TIP as f32 + 4.0, "it is lost at {}", last.mid);
+        for Section { expected, .. } in sections.iter().filter(|it| it.expected.mid.y > TIP as f32 + 8.0) {
+            let off = [(expected.mid.x - MIDDLE).abs(), (expected.half_px - HALF_PX).abs()];
+            assert!(off.iter().all(|off| *off < 0.7), "off by {off:?} px at {}", expected.mid);
+        }
+    }
+}

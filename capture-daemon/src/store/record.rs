@@ -345,6 +345,10 @@ impl FileKnot {
 
 /// The shortest text that is read back as this very number.
 fn number(value: f32) -> String {
+    if value.is_nan() {
+        // As TOML writes it.
+        return "nan".to_owned();
+    }
     let short = format!("{value:?}");
     let same = short.parse::<f64>().is_ok_and(|read| (read as f32).to_bits() == value.to_bits());
     // Rounded to f64 on its way, a short text may come to lie between two f32.

@@ -116,8 +116,19 @@ const EMPTY: usize = 8;
 /// What a session at default configuration makes of a scene that stands still: one capture, or none. The
 /// depth of what is painted has noise of 1.2 mm, and 0.2 % of its readings are missing.
 pub(crate) fn capture(scene: &[Painted]) -> Option<Capture> {
+    capture_under(scene, SessionParams::default())
+}
+
+/// The same of the first frame that shows something.
+pub(crate) fn capture_at_once(scene: &[Painted]) -> Option<Capture> {
+    let mut params = SessionParams::default();
+    params.station.hold_s = 0.0;
+    capture_under(scene, params)
+}
+
+fn capture_under(scene: &[Painted], params: SessionParams) -> Option<Capture> {
     let painted = paint(scene);
-    let mut session = Session::new(SessionParams::default());
+    let mut session = Session::new(params);
     (0..48).find_map(|frame| {
         let noisy = |(index, depth_mm): (usize, &f64)| {
             if *depth_mm == WALL_MM || frame < EMPTY {

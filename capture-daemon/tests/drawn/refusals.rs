@@ -1,10 +1,9 @@
-//! What a visitor is told, by scenes that bring it about at default configuration. Two codes are not here:
-//! `unsure`, which leaves of a real sorghum get (`real_depth.rs`), and `no_shape`, which guards the library
-//! against knots that no scene is known to give.
+//! What a visitor is told, by scenes that bring it about at default configuration, `unsure` in single frames.
+//! One code is not here: `no_shape`, which guards the library against knots that no scene is known to give.
 
 use glam::DVec2;
 
-use crate::painter::{MIDDLE, Painted, Strip, capture, flat, rectangle};
+use crate::painter::{MIDDLE, Painted, Strip, capture, capture_at_once, flat, rectangle};
 
 /// A blade in the middle of the picture.
 fn blade(length_px: f64, width_px: f64) -> Vec<DVec2> {
@@ -79,6 +78,19 @@ fn what_is_hardly_seen_is_told_so() {
         move |point: DVec2| if point.y.rem_euclid(dash + gap) < dash { 550.0 } else { 0.0 }
     };
     check("hidden", &[sloping(blade(200.0, 10.0), dashed(10.0, 12.0))]);
+}
+
+#[test]
+fn what_is_not_seen_well_enough_in_a_single_frame_is_told_so() {
+    // It leans away from the camera, its base and one of its edges behind another blade.
+    let root = DVec2::new(320.0, 340.0);
+    let leaning = Strip { root, lean: 0.1, length_px: 160.0, width_px: 20.0, slant: 0.0 };
+    let leaning = sloping(leaning.outline(), |point| 530.0 + 2.2 * (340.0 - point.y));
+    let corners = [(310.0, 420.0), (296.0, 250.0), (306.0, 120.0), (322.0, 250.0), (330.0, 420.0)];
+    let before = flat(corners.map(|(x, y)| DVec2::new(x, y)).to_vec(), 470.0);
+    let capture = capture_at_once(&[leaning, before]).expect("something is there");
+    let codes: Vec<&str> = capture.steps.refused.iter().map(|refusal| refusal.code()).collect();
+    assert_eq!((capture.steps.blades.len(), &codes[..]), (1, &["unsure"][..]));
 }
 
 #[test]

@@ -128,6 +128,18 @@ fn what_people_write_with_two_digits_is_a_unit_vector() {
 }
 
 #[test]
+fn a_measurement_that_is_no_number_can_be_written_and_read() {
+    for strange in ["nan", "inf", "-inf"] {
+        let text = record(&[0.1, -0.2], None)
+            .to_toml()
+            .replace("pixels_across = 8.4", &format!("pixels_across = {strange}"));
+        let written = parse(&text).expect("valid").to_toml();
+        assert!(written.contains(&format!("pixels_across = {strange}\n")), "{written}");
+        assert_eq!(parse(&written).expect("valid").to_toml(), written);
+    }
+}
+
+#[test]
 fn names_are_names_of_files() {
     for good in ["fern", "blade-12ab34cd", "hoher Farn 2", "草"] {
         assert_eq!(check_name(good), Ok(()));

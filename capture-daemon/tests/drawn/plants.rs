@@ -1,0 +1,62 @@
+//! Leaves before and behind each other, as on a plant that is seen from its edge.
+
+use capture_daemon::session::Capture;
+use glam::DVec2;
+
+use crate::painter::{Painted, capture, flat};
+
+fn outline(corners: &[(f64, f64)]) -> Vec<DVec2> {
+    corners.iter().map(|&(x, y)| DVec2::new(x, y)).collect()
+}
+
+/// The midrib of each leaf that was followed, from root to tip, pixels.
+fn midribs(capture: &Capture) -> Vec<Vec<DVec2>> {
+    let mids = |skeleton: &capture_daemon::stages::skeleton::Skeleton| {
+        skeleton.stations.iter().map(|station| station.mid.as_dvec2()).collect()
+    };
+    capture.steps.skeletons.iter().map(mids).collect()
+}
+
+/// Where midribs begin and end in a scene of a leaf that ends at (320, 300) and of one before that, from there to
+/// the lower border, which gets nearer by so many millimetres a row.
+fn ends(nearer_mm: f64) -> Vec<[DVec2; 2]> {
+    let behind = outline(&[(306.3, 300.2), (304.3, 160.2), (320.3, 80.2), (336.3, 160.2), (334.3, 300.2)]);
+    let before = outline(&[(300.3, 292.2), (340.3, 292.2), (352.3, 480.2), (308.3, 480.2)]);
+    let falling = Painted {
+        outline: before,
+        depth_mm: Box::new(move |point: DVec2| 570.0 - nearer_mm * (point.y - 292.0)),
+    };
+    let capture = capture(&[flat(behind, 600.0), falling]).expect("something is there");
+    midribs(&capture).iter().map(|mids| [mids[0], mids[mids.len() - 1]]).collect()
+}
+
+#[test]
+fn a_leaf_that_falls_out_of_the_picture_begins_where_its_plant_is() {
+    let at_plant = DVec2::new(320.0, 293.0);
+    let falls = |[root, tip]: &[DVec2; 2]| root.distance(at_plant) < 12.0 && tip.y > 440.0;
+    let fallen = ends(0.95);
+    assert!(fallen.iter().any(falls), "{fallen:?}");
+    // What stands there is a stem, and leads the other way.
+    let standing = ends(0.0);
+    assert!(!standing.iter().any(falls) && standing.iter().any(|[root, _]| root.y > 470.0), "{standing:?}");
+}
+
+#[test]
+fn a_leaf_whose_one_edge_is_hidden_all_along_has_a_midrib_and_is_no_blade() {
+    // Of its tip both edges are seen for five rows, or for twenty.
+    for tip_x in [323.3, 328.3] {
+        let behind =
+            outline(&[(308.3, 420.2), (304.3, 180.2), (tip_x, 90.2), (340.3, 180.2), (338.3, 420.2)]);
+        let before = outline(&[(280.3, 430.2), (278.3, 70.2), (300.3, 40.2), (322.3, 60.2), (322.3, 430.2)]);
+        let capture = capture(&[flat(behind, 620.0), flat(before, 540.0)]).expect("something is there");
+        // Between the edge of what is before it and its own.
+        let along = |mids: &Vec<DVec2>| {
+            let on_it = mids.iter().filter(|mid| (321.0..340.5).contains(&mid.x)).count();
+            let (root, tip) = (mids[0], mids[mids.len() - 1]);
+            10 * on_it > 9 * mids.len() && root.y > 400.0 && tip.y < 130.0
+        };
+        let midribs = midribs(&capture);
+        assert!(midribs.iter().any(along), "{tip_x}: {midribs:?}");
+        assert_eq!(capture.steps.blades.len(), 1, "half of its width is not known");
+    }
+}
