@@ -127,7 +127,7 @@ fn structs_lie_in_memory_as_in_rust() {
                 lush,
                 sunlight,
                 simulated,
-                thinnest_m,
+                stands_for,
             }
         );
     }

@@ -24,8 +24,8 @@ fn blade_albedo(along: f32, lush: f32, hue: f32, dry: f32) -> vec3f {
     return mix(varied, straw, dry);
 }
 
-@fragment
-fn fs_main(ribbon: Ribbon) -> @location(0) vec4f {
+// The stored light that a ribbon sends to the eye: of a sample, or of a vertex where the blade is small.
+fn light(ribbon: Ribbon) -> vec4f {
     let to_eye_m = frame.eye_in_world - ribbon.in_world;
     let distance_m = length(to_eye_m);
     let to_eye = to_eye_m / distance_m;
@@ -66,4 +66,9 @@ fn fs_main(ribbon: Ribbon) -> @location(0) vec4f {
     let sheen = SKY_FILL * (0.05 * open_sky * pow(1.0 - max(dot(n, to_eye), 0.0), 3.0));
     let sun = SUN_COLOUR * (sun_reach * ribbon.through_gloss_sun.z) * (albedo * diffuse * 0.55 + through + vec3f(gloss));
     return stored(with_haze(sun + albedo * sky + sheen, -to_eye, distance_m));
+}
+
+@fragment
+fn fs_main(ribbon: Ribbon) -> @location(0) vec4f {
+    return light(ribbon);
 }
