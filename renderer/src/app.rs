@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Context;
+use common::sealed::SealedBytes;
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::{ElementState, KeyEvent, WindowEvent};
@@ -13,10 +14,13 @@ use winit::window::{Fullscreen, Window, WindowId};
 
 use crate::cli::Cli;
 use crate::frame::Meadow;
+use crate::governor::Governor;
 use crate::gpu::targets::Targets;
 use crate::gpu::{Gpu, device};
 use crate::headless;
 use crate::library_watch::LibraryWatch;
+use crate::nursery::Nursery;
+use crate::passes::cull::Detail;
 use crate::scene::camera;
 
 /// Shows the meadow until it is closed.
@@ -35,7 +39,8 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         anyhow::anyhow!("cannot open a display: expected X11 at DISPLAY or Wayland at WAYLAND_DISPLAY; set one, or use --headless to draw to files")
     })?;
     event_loop.set_control_flow(ControlFlow::Poll);
-    let mut app = App { cli, library, watch, stage: None, failure: None };
+    let nursery = Nursery::start().context("cannot start a thread")?;
+    let mut app = App { cli, nursery, library, watch, stage: None, failure: None };
     event_loop.run_app(&mut app).context("the display ended")?;
     app.failure.map_or(Ok(()), Err)
 }
@@ -44,6 +49,7 @@ struct App<'a> {
     cli: &'a Cli,
     library: Option<common::library::Snapshot<Vec<u8>>>,
     watch: Option<LibraryWatch>,
+    nursery: Nursery<SealedBytes>,
     stage: Option<Stage>,
     failure: Option<anyhow::Error>,
 }
@@ -57,6 +63,9 @@ struct Stage {
     targets: Targets,
     meadow: Meadow,
     started: Instant,
+    last_frame: Instant,
+    /// `None`: all is drawn whatever it takes.
+    governor: Option<Governor>,
 }
 
 impl ApplicationHandler for App<'_> {
@@ -90,7 +99,13 @@ impl ApplicationHandler for App<'_> {
             WindowEvent::Resized(size) => stage.resize(size),
             WindowEvent::RedrawRequested => {
                 if let Some(library) = self.watch.as_ref().and_then(LibraryWatch::take) {
-                    stage.meadow.plant(&stage.gpu, &library);
+                    self.nursery.sow(library);
+                }
+                // One library after the other: a change that is cut short would be seen.
+                let ready = if stage.meadow.is_growing() { None } else { self.nursery.take() };
+                if let Some(seedling) = ready {
+                    tracing::info!(generation = seedling.generation, "growing");
+                    stage.meadow.grow(&stage.gpu, seedling.shapes.as_ref());
                 }
                 stage.draw(self.cli);
                 stage.window.request_redraw();
@@ -143,6 +158,8 @@ impl Stage {
             targets: Targets::new(&gpu, (config.width, config.height)),
             meadow,
             started: Instant::now(),
+            last_frame: Instant::now(),
+            governor: (cli.budget_ms > 0.0).then(|| Governor::new(cli.budget_ms * 1e-3)),
             window,
             surface,
             config,
@@ -157,7 +174,32 @@ impl Stage {
         }
         (self.config.width, self.config.height) = (size.width, size.height);
         self.surface.configure(&self.gpu.device, &self.config);
-        self.targets = Targets::new(&self.gpu, (size.width, size.height));
+        self.targets = Targets::new(&self.gpu, self.drawn_size());
+    }
+
+    /// As many pixels as the governor allows.
+    fn drawn_size(&self) -> (u32, u32) {
+        let resolution = self.governor.as_ref().map_or(1.0, |governor| governor.setting().resolution);
+        let scaled = |side: u32| ((side as f32 * resolution).round() as u32).max(1);
+        (scaled(self.config.width), scaled(self.config.height))
+    }
+
+    /// Tells meadow and governor how much time went by since the last frame.
+    fn pass_time(&mut self, cli: &Cli) {
+        let frame_s = self.last_frame.elapsed().as_secs_f32();
+        self.last_frame = Instant::now();
+        self.meadow.pass_time(frame_s);
+        let Some(governor) = &mut self.governor else { return };
+        if !governor.observe(frame_s) {
+            return;
+        }
+        let setting = governor.setting();
+        tracing::debug!(?setting, frame_s, "another level of detail");
+        let detail = Detail { naive: cli.naive, distance: setting.distance, ..Detail::default() };
+        self.meadow.set_detail(&self.gpu, detail);
+        if self.targets.size != self.drawn_size() {
+            self.targets = Targets::new(&self.gpu, self.drawn_size());
+        }
     }
 
     fn draw(&mut self, cli: &Cli) {
@@ -169,6 +211,7 @@ impl Stage {
             Outdated | Lost => return self.resize(self.window.inner_size()),
             Timeout | Occluded | Validation => return,
         };
+        self.pass_time(cli);
         // Wind and clouds start anew with each round, about once an hour: their noise has no period,
         // and after months of running the seconds would be too large to tell frames apart.
         let elapsed = self.started.elapsed().as_secs_f64() * f64::from(cli.time_scale);

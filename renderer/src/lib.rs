@@ -10,6 +10,7 @@ pub mod app;
 pub mod bench;
 pub mod cli;
 pub mod frame;
+pub mod governor;
 pub mod gpu;
 pub mod headless;
 pub mod library_watch;
