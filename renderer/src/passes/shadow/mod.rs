@@ -177,7 +177,7 @@ fn bind(
 ) -> (wgpu::BindGroupLayout, wgpu::BindGroup) {
     let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
         binding,
-        visibility: wgpu::ShaderStages::FRAGMENT,
+        visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
         ty,
         count: None,
     };
