@@ -138,6 +138,11 @@ pub struct Cli {
     #[arg(long, requires = "tiles")]
     pub naive: bool,
 
+    /// What a frame of the window may take, milliseconds, 0 to 1000: where it takes longer, less detail and fewer pixels
+    /// are drawn; 0 draws all whatever it takes
+    #[arg(long, value_name = "MS", default_value_t = 33.0, conflicts_with = "headless", value_parser = parse_budget)]
+    pub budget_ms: f32,
+
     /// Print a script that completes this command line in a shell, and end
     #[arg(long, value_name = "SHELL", exclusive = true)]
     pub completions: Option<Shell>,
@@ -229,6 +234,10 @@ fn parse_number(text: &str) -> Result<f32, String> {
     number_in(text, 0.0..=1e6)
 }
 
+fn parse_budget(text: &str) -> Result<f32, String> {
+    number_in(text, 0.0..=1000.0)
+}
+
 fn parse_signed(text: &str) -> Result<f32, String> {
     number_in(text, -360.0..=360.0)
 }
@@ -293,6 +302,7 @@ mod tests {
             &["--completions", "bash", "--fullscreen"],
             &["--tiles", "0"],
             &["--naive"],
+            &["--budget-ms", "-1"],
         ] {
             assert!(parse(args).is_err(), "{args:?}");
         }

@@ -182,7 +182,7 @@ impl Meadow {
         self.throws_shadows = thrown;
     }
 
-    /// Draws one frame to `display`, a view of the size of `targets`.
+    /// Draws one frame to `display`, a view of the size of `targets` or a larger one.
     pub fn draw(&self, gpu: &Gpu, targets: &Targets, view: &View, display: &wgpu::TextureView) {
         self.draw_timed(gpu, targets, view, display, None);
     }

@@ -8,8 +8,10 @@ use crate::gpu::Gpu;
 use crate::gpu::device::{self, OpenError};
 use crate::gpu::shader::Sources;
 use crate::gpu::targets::Targets;
+use crate::nursery::Seedling;
 use crate::passes::cull::Detail;
 use crate::scene::grassland::field::Field;
+use crate::scene::grassland::shapes::shapes;
 
 /// The meadow on its device.
 #[derive(Debug)]
@@ -20,7 +22,7 @@ pub struct Garden {
     format: wgpu::TextureFormat,
     field: Field,
     detail: Detail,
-    library: Option<Snapshot<Vec<u8>>>,
+    seedling: Option<Seedling>,
     shadows: bool,
 }
 
@@ -50,7 +52,7 @@ impl Garden {
             format,
             field: Field::ENDLESS,
             detail: Detail::default(),
-            library: None,
+            seedling: None,
             shadows: true,
         }
     }
@@ -62,11 +64,26 @@ impl Garden {
         self.meadow.set_detail(&self.gpu, detail);
     }
 
-    /// Lets this library grow from the next frame on.
+    /// Lets this library grow from the next frame on, at once and whole.
     pub fn plant<B: AsRef<[u8]>>(&mut self, library: &Snapshot<B>) {
-        self.meadow.plant(&self.gpu, library);
-        // A copy, some hundred kilobytes at most as a rule: it must be there when the device is not.
-        self.library = Snapshot::validate(library.bytes().to_vec()).ok();
+        self.seedling = Some(Seedling { generation: library.generation(), shapes: shapes(library) });
+        self.replant();
+    }
+
+    /// Lets what the nursery made ready take the place of what grows, as [`Garden::pass_time`] goes on.
+    pub fn grow(&mut self, seedling: Seedling) {
+        self.meadow.grow(&self.gpu, seedling.shapes.as_ref());
+        self.seedling = Some(seedling);
+    }
+
+    /// Whether a library is still taking the place of another.
+    pub fn is_growing(&self) -> bool {
+        self.meadow.is_growing()
+    }
+
+    /// Lets `seconds` pass for what grows.
+    pub fn pass_time(&mut self, seconds: f32) {
+        self.meadow.pass_time(seconds);
     }
 
     /// Whether blades near the eye throw shadows, which costs about as much again as drawing them.
@@ -77,7 +94,7 @@ impl Garden {
 
     /// Generation of the library that grows; 0 while the meadow is bare.
     pub fn generation(&self) -> u64 {
-        self.library.as_ref().map_or(0, Snapshot::generation)
+        self.seedling.as_ref().map_or(0, |seedling| seedling.generation)
     }
 
     /// Draws one frame to `display`, a view of the size of `targets`.
@@ -130,8 +147,9 @@ impl Garden {
     fn replant(&mut self) {
         self.lay_out(self.field, self.detail);
         self.meadow.set_shadows(self.shadows);
-        if let Some(library) = &self.library {
-            self.meadow.plant(&self.gpu, library);
+        if let Some(seedling) = &self.seedling {
+            self.meadow.grow(&self.gpu, seedling.shapes.as_ref());
+            self.meadow.pass_time(f32::MAX);
         }
     }
 }

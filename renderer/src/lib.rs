@@ -11,6 +11,7 @@ pub mod bench;
 pub mod cli;
 pub mod frame;
 pub mod garden;
+pub mod governor;
 pub mod gpu;
 pub mod headless;
 pub mod library_watch;

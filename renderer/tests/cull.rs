@@ -107,7 +107,7 @@ fn compare(on_cpu: &[Vec<Instance>], on_gpu: &[Vec<Instance>]) {
                 && (found.widen / expected.widen - 1.0).abs() < 2e-2
                 && (found.morph - expected.morph).abs() < 1e-2
                 && (found.lush - expected.lush).abs() < 1e-3
-                && (found.thinnest_m - expected.thinnest_m).abs() < 1e-5
+                && (found.stands_for - expected.stands_for).abs() < 1e-2
                 && found.simulated == expected.simulated
                 && found.lean_hue == expected.lean_hue;
             // Of a blade that is just about to come, the root of almost nothing is anything.

@@ -90,7 +90,10 @@ fn a_new_library_goes_live_whole() {
     swapped.plant(&b);
     let picture_of_b = swapped.draw(&view()).expect("a picture");
     fresh.plant(&b);
-    assert!(alike(&picture_of_b, &fresh.draw(&view()).expect("a picture")), "nothing of the old library is left");
+    assert!(
+        alike(&picture_of_b, &fresh.draw(&view()).expect("a picture")),
+        "nothing of the old library is left"
+    );
     assert!(!alike(&picture_of_b, &picture_of_a));
     swapped.plant(&library(3, &[]));
     let bare = swapped.draw(&view()).expect("a picture");

@@ -134,7 +134,7 @@ fn structs_lie_in_memory_as_in_rust() {
                 lush,
                 sunlight,
                 simulated,
-                thinnest_m,
+                stands_for,
             }
         );
     }

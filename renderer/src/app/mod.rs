@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use common::sealed::SealedBytes;
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
@@ -13,6 +14,7 @@ use crate::cli::Cli;
 use crate::gpu::shader::Sources;
 use crate::headless;
 use crate::library_watch::LibraryWatch;
+use crate::nursery::Nursery;
 use crate::scene::camera::{self, path};
 
 mod hands;
@@ -47,6 +49,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         cli,
         library,
         watch,
+        nursery: Nursery::start().context("cannot start a thread")?,
         shaders: shaders.unwrap_or_default(),
         shaders_seen: Instant::now(),
         hands: Hands::default(),
@@ -66,6 +69,7 @@ struct App<'a> {
     cli: &'a Cli,
     library: Option<common::library::Snapshot<Vec<u8>>>,
     watch: Option<LibraryWatch>,
+    nursery: Nursery<SealedBytes>,
     /// The shaders that were tried last, good or not.
     shaders: Sources,
     shaders_seen: Instant,
@@ -183,7 +187,13 @@ impl App<'_> {
         let view = self.view();
         let Some(stage) = &mut self.stage else { return };
         if let Some(library) = library {
-            stage.garden.plant(&library);
+            self.nursery.sow(library);
+        }
+        // One library after the other: a change that is cut short would be seen.
+        let ready = if stage.garden.is_growing() { None } else { self.nursery.take() };
+        if let Some(seedling) = ready {
+            tracing::info!(generation = seedling.generation, "growing");
+            stage.garden.grow(seedling);
         }
         match stage.draw(&view) {
             Ok(Shown::Frame) => {

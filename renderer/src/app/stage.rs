@@ -11,10 +11,13 @@ use winit::window::{Fullscreen, Window};
 use crate::cli::{Cli, Shadows};
 use crate::frame::View;
 use crate::garden::Garden;
+use crate::governor::Governor;
 use crate::gpu::shader::Sources;
 use crate::gpu::targets::Targets;
 use crate::gpu::{Gpu, device};
+use crate::passes::cull::Detail;
 use crate::scene::camera::path::Path;
+use crate::scene::grassland::field::Field;
 
 /// How long a lost device is tried to be replaced: a driver that starts anew takes seconds.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -43,6 +46,13 @@ pub(super) struct Stage {
     surface: Option<wgpu::Surface<'static>>,
     config: wgpu::SurfaceConfiguration,
     targets: Targets,
+    field: Field,
+    /// What the command line asks for, before the governor.
+    detail: Detail,
+    /// `None`: all is drawn whatever it takes.
+    governor: Option<Governor>,
+    /// When the frame before was drawn, if one has been since the window showed anything.
+    last_frame: Option<Instant>,
     /// Since when there is no device, and when it was last tried to get one.
     without_device: Option<(Instant, Instant)>,
 }
@@ -73,13 +83,18 @@ impl Stage {
         let targets = Targets::new(&gpu, (config.width, config.height));
         let software = gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
         let mut garden = Garden::new(gpu, config.format);
-        garden.lay_out(cli.field(), cli.detail()?);
+        let (field, detail) = (cli.field(), cli.detail()?);
+        garden.lay_out(field, detail);
         garden.set_shadows(cli.shadows == Shadows::On || cli.shadows == Shadows::Auto && !software);
         Ok(Self {
             garden,
             attract: cli.kiosk.then(super::attract).transpose()?,
             surface: Some(surface),
             without_device: None,
+            governor: (cli.budget_ms > 0.0).then(|| Governor::new(cli.budget_ms * 1e-3)),
+            last_frame: None,
+            field,
+            detail,
             window,
             instance,
             config,
@@ -97,9 +112,32 @@ impl Stage {
         if let Some(surface) = &self.surface {
             surface.configure(&self.garden.gpu.device, &self.config);
         }
-        if self.targets.size != (size.width, size.height) {
-            self.targets = Targets::new(&self.garden.gpu, (size.width, size.height));
+        self.renew_targets();
+    }
+
+    /// As many pixels as the governor allows.
+    fn renew_targets(&mut self) {
+        let resolution = self.governor.as_ref().map_or(1.0, |governor| governor.setting().resolution);
+        let scaled = |side: u32| ((side as f32 * resolution).round() as u32).max(1);
+        let size = (scaled(self.config.width), scaled(self.config.height));
+        if self.targets.size != size {
+            self.targets = Targets::new(&self.garden.gpu, size);
         }
+    }
+
+    /// Tells meadow and governor how much time went by since the frame before.
+    fn pass_time(&mut self) {
+        let Some(before) = self.last_frame.replace(Instant::now()) else { return };
+        let frame_s = before.elapsed().as_secs_f32();
+        self.garden.pass_time(frame_s);
+        let Some(governor) = &mut self.governor else { return };
+        if !governor.observe(frame_s) {
+            return;
+        }
+        let setting = governor.setting();
+        tracing::debug!(?setting, frame_s, "another level of detail");
+        self.garden.lay_out(self.field, Detail { distance: setting.distance, ..self.detail });
+        self.renew_targets();
     }
 
     /// Fills the screen, or gives it back.
@@ -113,6 +151,15 @@ impl Stage {
     /// # Errors
     /// When a device does not come back within half a minute, or a surface cannot be made.
     pub(super) fn draw(&mut self, view: &View) -> anyhow::Result<Shown> {
+        let shown = self.try_draw(view);
+        if !matches!(shown, Ok(Shown::Frame)) {
+            // A pause is no slow frame.
+            self.last_frame = None;
+        }
+        shown
+    }
+
+    fn try_draw(&mut self, view: &View) -> anyhow::Result<Shown> {
         use wgpu::CurrentSurfaceTexture::{
             Lost, Occluded, Outdated, Suboptimal, Success, Timeout, Validation,
         };
@@ -138,6 +185,7 @@ impl Stage {
             }
             Timeout | Occluded | Validation => return Ok(Shown::Nothing),
         };
+        self.pass_time();
         self.garden.draw(&self.targets, view, &picture.texture.create_view(&Default::default()));
         self.window.pre_present_notify();
         self.garden.gpu.queue.present(picture);
@@ -191,7 +239,8 @@ impl Stage {
         let gpu = Gpu::open(&self.instance, Some(&surface))?;
         self.config = configure(&gpu, &surface, self.window.inner_size())?;
         self.garden.move_to(gpu, self.config.format)?;
-        self.targets = Targets::new(&self.garden.gpu, (self.config.width, self.config.height));
+        self.targets = Targets::new(&self.garden.gpu, self.targets.size);
+        self.renew_targets();
         self.surface = Some(surface);
         Ok(())
     }

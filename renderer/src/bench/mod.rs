@@ -23,7 +23,7 @@ use crate::scene::grassland::field::Field;
 use report::{Report, Scene};
 use stand::Stand;
 
-/// Blades along with the field's tiles of the larger fields: 1 M to 1 G.
+/// Tiles of the larger fields, of 1 M to 1 G blades.
 const FIELD_TILES: [u32; 4] = [15_625, 156_250, 1_562_500, 15_625_000];
 
 /// What to measure
@@ -41,11 +41,11 @@ pub struct BenchArgs {
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub frames: u32,
 
-    /// Changes of the library to look at, a whole number from 0 to 1000
+    /// Changes of the library to look at, of 256 blades each, a whole number from 0 to 1000
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(0..=1000))]
     pub swaps: u32,
 
-    /// Steps of the camera to look at, a whole number from 0 to 1000
+    /// Steps of the camera to look at, each between two frames, a whole number from 0 to 1000
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=1000))]
     pub steps: u32,
 

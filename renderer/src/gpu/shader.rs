@@ -149,6 +149,8 @@ fn constants() -> String {
     define("FADE_FROM", float(cull::FADE_FROM));
     define("MAX_WIDEN", float(cull::MAX_WIDEN));
     define("CANOPY_M", float(cull::CANOPY_M));
+    define("SIZE_BY_RANK", float(cull::SIZE_BY_RANK));
+    define("KEPT_AREA", float(cull::KEPT_AREA));
     define("MORPH_FROM", float(cull::MORPH_FROM));
     define("LUSH_SCALE_MIN", float(cull::LUSH_SCALE.0));
     define("LUSH_SCALE_MAX", float(cull::LUSH_SCALE.1));

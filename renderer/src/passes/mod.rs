@@ -26,6 +26,16 @@ pub(crate) struct ScenePipeline<'a> {
 
 impl ScenePipeline<'_> {
     pub(crate) fn create(&self, gpu: &crate::gpu::Gpu) -> wgpu::RenderPipeline {
+        self.create_of(gpu, "vs_main", "fs_main")
+    }
+
+    /// The same with these entry points of the pass's shader.
+    pub(crate) fn create_of(
+        &self,
+        gpu: &crate::gpu::Gpu,
+        vertex: &str,
+        fragment: &str,
+    ) -> wgpu::RenderPipeline {
         let module = crate::gpu::shader::module(gpu, self.pass);
         let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some(self.pass),
@@ -37,7 +47,7 @@ impl ScenePipeline<'_> {
             layout: Some(&layout),
             vertex: wgpu::VertexState {
                 module: &module,
-                entry_point: Some("vs_main"),
+                entry_point: Some(vertex),
                 compilation_options: Default::default(),
                 buffers: self.buffers,
             },
@@ -46,7 +56,7 @@ impl ScenePipeline<'_> {
             multisample: wgpu::MultisampleState { count: SAMPLES, ..Default::default() },
             fragment: Some(wgpu::FragmentState {
                 module: &module,
-                entry_point: Some("fs_main"),
+                entry_point: Some(fragment),
                 compilation_options: Default::default(),
                 targets: &[Some(targets::COLOUR.into())],
             }),

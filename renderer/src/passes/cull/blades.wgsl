@@ -25,8 +25,8 @@ struct Instance {
     sunlight: f32,
     // The first of its simulated knots, −1 without.
     simulated: i32,
-    // Half width below which it would be lost between pixels, metres.
-    thinnest_m: f32,
+    // How many blades it stands for, itself among them; 0 where it is drawn however thin it is.
+    stands_for: f32,
 }
 
 struct Share {
@@ -82,7 +82,8 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) la
     let root_in_world = vec3f(root.x, ground_height_m(root), root.y);
     let distance_m = max(distance(root_in_world, frame.eye_in_world), 1e-3);
 
-    // Blades that are thinned out sink rather than vanish; those left are widened by as much.
+    // Blades that are thinned out sink rather than vanish; those left are widened to
+    // the area that goes.
     let kept_here = kept(distance_m);
     var presence = saturate(f32(TILE_BLADES) * kept_here * density(root) - f32(rank));
     var far_fade = 1.0 - smoothstep(FADE_FROM * survey.range_m, survey.range_m, distance_m);
@@ -94,7 +95,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) la
         presence = f32(presence > 0.5);
         far_fade = f32(far_fade > 0.5);
     }
-    let widen = min(1.0 / kept_here, MAX_WIDEN);
+    let widen = min(pow(kept_here, -KEPT_AREA), MAX_WIDEN);
 
     // Where the library before had another blade, that one gives way first, then the new one grows.
     let index_of_shape = shape_index(blade, root);
@@ -115,7 +116,10 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) la
         return;
     }
     let lush = lushness(root);
-    let size = mix(SCALE_MIN, SCALE_MAX, f32(blade.shape_turn_scale_mirror >> 24u & 0x7Fu) * (1.0 / 127.0));
+    // Blades that are thinned out first are short ones, which taller ones hide.
+    let own_size = f32(blade.shape_turn_scale_mirror >> 24u & 0x7Fu) * (1.0 / 127.0);
+    let by_rank = 1.0 - (f32(rank) + 0.5) / f32(TILE_BLADES);
+    let size = mix(SCALE_MIN, SCALE_MAX, mix(own_size, by_rank, SIZE_BY_RANK));
     let scale = size * mix(LUSH_SCALE_MIN, LUSH_SCALE_MAX, lush);
     let reach_m = scale * share.reach_m;
     if survey.everything == 0u {
@@ -155,7 +159,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) la
     instance.lush = lush;
     instance.sunlight = sunlight(root);
     instance.simulated = select(-1, (chunk.slot * i32(TILE_BLADES) + i32(cell)) * i32(LEVEL_KNOTS[0]), chunk.slot >= 0);
-    instance.thinnest_m = select(0.4 * frame.pixel_rad * distance_m, 0.0, survey.everything == 1u);
+    instance.stands_for = select(1.0 / kept_here, 0.0, survey.everything == 1u);
     instances[slot] = instance;
     let place = atomicAdd(&counts.levels[level], 1u);
     lists[level * survey.capacity + place] = slot;

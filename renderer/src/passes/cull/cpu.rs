@@ -3,7 +3,10 @@
 use glam::{IVec2, Vec2, Vec3};
 
 use super::gpu_data::{Instance, Share, Slot};
-use super::{FADE_FROM, LEVEL_PX, LUSH_SCALE, MAX_WIDEN, MORPH_FROM, NO_SHAPE, Plan, TILE_RADIUS_M, kept};
+use super::{
+    FADE_FROM, KEPT_AREA, LEVEL_PX, LUSH_SCALE, MAX_WIDEN, MORPH_FROM, NO_SHAPE, Plan, SIZE_BY_RANK,
+    TILE_RADIUS_M, kept,
+};
 use crate::frame::gpu_data::Frame;
 use crate::scene::grassland::field::{BLOCK_SIDE, Field};
 use crate::scene::grassland::shapes::{LEVEL_KNOTS, LEVELS, SHAPE_KNOTS, first_knot};
@@ -119,7 +122,7 @@ fn grow_blade(
         presence = presence.round();
         far_fade = far_fade.round();
     }
-    let widen = (1.0 / kept_here).min(MAX_WIDEN);
+    let widen = kept_here.powf(-KEPT_AREA).min(MAX_WIDEN);
 
     let shape_index = mix::shape_index(blade, root) as usize;
     let mut share = grown.shares[shape_index];
@@ -139,8 +142,9 @@ fn grow_blade(
     }
     let lush = terrain::lushness(root);
     let (smallest, largest) = SCALE;
-    let size = smallest
-        + (largest - smallest) * ((blade.shape_turn_scale_mirror >> 24 & 0x7F) as f32 * (1.0 / 127.0));
+    let own_size = (blade.shape_turn_scale_mirror >> 24 & 0x7F) as f32 * (1.0 / 127.0);
+    let by_rank = 1.0 - (rank as f32 + 0.5) / TILE_BLADES as f32;
+    let size = smallest + (largest - smallest) * (own_size + (by_rank - own_size) * SIZE_BY_RANK);
     let scale = size * (LUSH_SCALE.0 + (LUSH_SCALE.1 - LUSH_SCALE.0) * lush);
     let reach_m = scale * share.reach_m;
     if !everything && is_outside(frame, root_in_world, reach_m + widen * reach_m * 0.25) {
@@ -167,7 +171,7 @@ fn grow_blade(
         } else {
             (slot * TILE_BLADES as i32 + cell as i32) * LEVEL_KNOTS[0] as i32
         },
-        thinnest_m: if everything { 0.0 } else { 0.4 * frame.pixel_rad * distance_m },
+        stands_for: if everything { 0.0 } else { 1.0 / kept_here },
     };
     Some((level, instance))
 }

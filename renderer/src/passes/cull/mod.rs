@@ -28,16 +28,21 @@ pub const RANGE_M: f32 = 42.0;
 /// From this part of the range on, blades sink into the ground.
 pub const FADE_FROM: f32 = 0.7;
 /// Up to where a pixel covers so many metres every blade of a tile is drawn; then ever fewer.
-pub const FULL_PIXEL_M: f32 = 0.0055;
+pub const FULL_PIXEL_M: f32 = 0.0065;
+/// How much of a blade's size comes from the order in which tiles are thinned out, 0 to 1; the rest is its own. Short
+/// blades go first: taller ones hide them, so that little of the picture goes with them.
+pub const SIZE_BY_RANK: f32 = 0.88;
+/// Where a part k of the blades is drawn, k to this power is the part of the area that they had: the tallest are left.
+pub const KEPT_AREA: f32 = 0.75;
 /// Most that the blades of thinned tiles are widened.
 pub const MAX_WIDEN: f32 = 12.0;
 /// Height of the meadow's roof, metres: below it, blades shade each other.
 pub const CANOPY_M: f32 = 0.17;
 /// A blade whose reach is smaller than this, in pixels, has the next level's knots; the last level takes what is
 /// left.
-pub const LEVEL_PX: [f32; LEVELS - 1] = [110.0, 40.0, 15.0];
+pub const LEVEL_PX: [f32; LEVELS - 1] = [90.0, 26.0, 8.0];
 /// A blade turns into its next level from this many times that size on.
-pub const MORPH_FROM: f32 = 1.6;
+pub const MORPH_FROM: f32 = 1.2;
 /// Smallest and largest factor of lushness on a blade's size.
 pub const LUSH_SCALE: (f32, f32) = (0.62, 1.08);
 /// Most that a blade is larger than its shape.
@@ -189,8 +194,8 @@ pub mod gpu_data {
         pub sunlight: f32,
         /// The first of its simulated knots, −1 without.
         pub simulated: i32,
-        /// Half width below which it would be lost between pixels, metres.
-        pub thinnest_m: f32,
+        /// How many blades it stands for, itself among them; 0 where it is drawn however thin it is.
+        pub stands_for: f32,
     }
 
     /// One indexed indirect draw.

@@ -17,7 +17,7 @@ struct Instance {
     lush: f32,
     sunlight: f32,
     simulated: i32,
-    thinnest_m: f32,
+    stands_for: f32,
 }
 
 struct ShapeKnot {
@@ -46,6 +46,8 @@ struct SimulatedKnot {
 @group(1) @binding(4) var<storage, read> simulated_knots: array<SimulatedKnot>;
 
 const TAU = 6.2831853;
+// Whose colour the root of the coarsest level has, as a part of the blade.
+const COARSE_ROOT = 0.4;
 
 fn shape_knot(at: u32, is_old: bool) -> ShapeKnot {
     if is_old {
@@ -54,8 +56,8 @@ fn shape_knot(at: u32, is_old: bool) -> ShapeKnot {
     return knots[at];
 }
 
-@vertex
-fn vs_main(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) -> Ribbon {
+// Vertex `index` of the blade that is `at` in its level's list.
+fn expand(index: u32, at: u32) -> Ribbon {
     let blade = instances[lists[at]];
     let packed = blade.shape_turn_scale_mirror;
     let turn = f32(packed >> 12u & 0xFFFu) * (TAU / 4096.0);
@@ -110,7 +112,7 @@ fn vs_main(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) 
     let midrib_in_world = blade.root_in_world + midrib;
     let eye_distance = distance(midrib_in_world, frame.eye_in_world);
     // Never thinner than most of a pixel, else distant blades break up into dots.
-    let thinnest = blade.thinnest_m * (1.0 - along * along);
+    let thinnest = select(0.0, 0.4 * frame.pixel_rad * eye_distance * (1.0 - along * along), blade.stands_for > 0.0);
     let left_width = max(knot.half_width_left * blade.widen, thinnest);
     let right_width = max(knot.half_width_right * blade.widen, thinnest);
     let offset = select(-left_width, right_width, right);
@@ -123,7 +125,13 @@ fn vs_main(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) 
     let in_world = midrib_in_world + (across + turned_across) * offset;
 
     let hue = f32(blade.lean_hue >> 20u) * (1.0 / 4095.0);
-    let leaf = leaf_of(along, blade.lush, hue, blade.salt);
+    // Most of a triangle is near its root, most of a blade is not: the root has the colour of higher up.
+    let to_coarsest = select(select(0.0, blade.morph, level == LEVELS - 2u), 1.0, level == LEVELS - 1u);
+    let colour_along = mix(along, mix(COARSE_ROOT, 1.0, along), to_coarsest);
+    // A blade that stands for some more is less unlike its neighbours, as their mean would be.
+    let alike = inverseSqrt(max(blade.stands_for, 1.0));
+    let own = leaf_of(colour_along, blade.lush, hue, blade.salt);
+    let mean = mean_leaf(colour_along, blade.lush);
 
     var ribbon: Ribbon;
     ribbon.position = frame.clip_from_world * vec4f(in_world, 1.0);
@@ -131,7 +139,31 @@ fn vs_main(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) 
     ribbon.normal = normal;
     ribbon.across = across;
     ribbon.side_and_height = vec2f(select(-1.0, 1.0, right), max(in_world.y - blade.root_in_world.y, 0.0));
-    ribbon.albedo = leaf.albedo;
-    ribbon.through_gloss_sun = vec3f(leaf.through, leaf.gloss, blade.sunlight);
+    ribbon.albedo = mix(mean.albedo, own.albedo, alike);
+    ribbon.through_gloss_sun = vec3f(mix(mean.through, own.through, alike), mix(mean.gloss, own.gloss, alike), blade.sunlight);
     return ribbon;
+}
+
+@vertex
+fn vs_main(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) -> Ribbon {
+    return expand(index, at);
+}
+
+// A blade that is small in the picture is lit at its vertices: what varies between them could not be seen.
+struct Lit {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(perspective, centroid) colour: vec4f,
+}
+
+@vertex
+fn vs_lit(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) -> Lit {
+    var ribbon = expand(index, at);
+    // Halfway between rib and edge.
+    ribbon.side_and_height.x *= 0.5;
+    return Lit(ribbon.position, light_of(ribbon, 0.0));
+}
+
+@fragment
+fn fs_lit(lit: Lit) -> @location(0) vec4f {
+    return lit.colour;
 }

@@ -3,7 +3,7 @@
 use wgpu::BufferUsages;
 
 use super::ScenePipeline;
-use super::cull::gpu_data::Share;
+use super::cull::gpu_data::{Draw, Share};
 use super::cull::{Cull, NO_SHAPE, upload_shares};
 use super::shadow::Shadows;
 use crate::gpu::Gpu;
@@ -31,6 +31,9 @@ pub mod gpu_data {
 
 /// Levels of detail, from the nearest, that throw shadows: as far as the map of shadows reaches.
 const SHADOW_LEVELS: u32 = 2;
+/// Levels of detail, from the finest on, whose blades are lit at each sample; smaller ones are lit at their
+/// vertices.
+const LIT_BY_SAMPLE: u32 = 2;
 
 /// A library on the GPU, whole and unchanging: a newer one is another value.
 #[derive(Debug)]
@@ -71,7 +74,10 @@ impl Growth {
 /// The pass.
 #[derive(Debug)]
 pub struct Grass {
-    pipeline: wgpu::RenderPipeline,
+    /// Lit at each sample: for the first [`LIT_BY_SAMPLE`] levels.
+    by_sample: wgpu::RenderPipeline,
+    /// Lit at each vertex: for the others.
+    by_vertex: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
     indices: wgpu::Buffer,
     simulated: wgpu::Buffer,
@@ -97,7 +103,8 @@ impl Grass {
             .collect();
         let simulated = [0; size_of::<gpu_data::SimulatedKnot>()];
         Self {
-            pipeline: pipeline.create(gpu),
+            by_sample: pipeline.create(gpu),
+            by_vertex: pipeline.create_of(gpu, "vs_lit", "fs_lit"),
             layout,
             indices: upload(gpu, "grass.indices", BufferUsages::INDEX, bytemuck::cast_slice(&indices)),
             simulated: upload(gpu, "grass.simulated", BufferUsages::STORAGE, &simulated),
@@ -114,24 +121,19 @@ impl Grass {
     /// Draws what `cull` let through, one indirect draw a level; frame and shadows are bound, `bindings` are
     /// those of [`Grass::bind`].
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, bindings: &wgpu::BindGroup, cull: &Cull) {
-        pass.set_pipeline(&self.pipeline);
-        self.draw_levels(pass, bindings, cull, LEVELS as u32);
+        pass.set_bind_group(1, bindings, &[]);
+        pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint16);
+        pass.set_pipeline(&self.by_sample);
+        pass.multi_draw_indexed_indirect(&cull.draws, 0, LIT_BY_SAMPLE);
+        pass.set_pipeline(&self.by_vertex);
+        let rest = u64::from(LIT_BY_SAMPLE) * size_of::<Draw>() as u64;
+        pass.multi_draw_indexed_indirect(&cull.draws, rest, LEVELS as u32 - LIT_BY_SAMPLE);
     }
 
     /// Draws the levels that throw shadows, with the pipeline that is set.
     pub fn draw_near(&self, pass: &mut wgpu::RenderPass<'_>, bindings: &wgpu::BindGroup, cull: &Cull) {
-        self.draw_levels(pass, bindings, cull, SHADOW_LEVELS);
-    }
-
-    fn draw_levels(
-        &self,
-        pass: &mut wgpu::RenderPass<'_>,
-        bindings: &wgpu::BindGroup,
-        cull: &Cull,
-        levels: u32,
-    ) {
         pass.set_bind_group(1, bindings, &[]);
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint16);
-        pass.multi_draw_indexed_indirect(&cull.draws, 0, levels);
+        pass.multi_draw_indexed_indirect(&cull.draws, 0, SHADOW_LEVELS);
     }
 }

@@ -53,7 +53,7 @@ use gpu_data::Shadow;
 pub fn place(camera: &Camera, to_sun: Vec3) -> Shadow {
     let forward = camera.forward();
     // A step in size now and then, not a little with each frame.
-    let half_m = 2.0 * 1.5f32.powf((camera.eye_height_m.max(0.5) * 2.0).log(1.5).ceil()).clamp(1.0, 6.0);
+    let half_m = 1.5f32.powf((camera.eye_height_m.max(0.2) * 5.0).log(1.5).round()).clamp(1.0, 6.0);
     let ahead = Vec2::new(forward.x, forward.z) * (0.7 * half_m);
     let on_ground = camera.foot + ahead;
     let centre = Vec3::new(on_ground.x, terrain::height_m(on_ground), on_ground.y);
@@ -138,7 +138,6 @@ impl Shadows {
     }
 
     /// Draws the map at `place` with what `cull` let through.
-    #[expect(clippy::too_many_arguments, reason = "a pass is given all that it reads")]
     pub fn draw(
         &self,
         gpu: &Gpu,
@@ -178,7 +177,7 @@ fn bind(
 ) -> (wgpu::BindGroupLayout, wgpu::BindGroup) {
     let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
         binding,
-        visibility: wgpu::ShaderStages::FRAGMENT,
+        visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
         ty,
         count: None,
     };
@@ -239,7 +238,7 @@ mod tests {
             let to_sun = sky::direction(Vec2::new(heading, elevation_deg.to_radians()));
             let camera = camera(Vec2::new(40.0, -7.0), 1.0);
             let place = place(&camera, to_sun);
-            for ahead_m in [0.2, 1.0, 2.0] {
+            for ahead_m in [0.1, 1.0, 2.0] {
                 let p = camera.foot + Vec2::new(camera.forward().x, camera.forward().z) * ahead_m;
                 let p = Vec3::new(p.x, terrain::height_m(p) + 0.1, p.y);
                 let at = place.map_from_world.project_point3(p);

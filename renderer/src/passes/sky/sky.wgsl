@@ -56,8 +56,10 @@ fn fs_main(sky: Sky) -> @location(0) vec4f {
     // Woods, through kilometres of air. Mist lies at the foot of each ridge and takes it over into the
     // haze where the ground ends.
     let woods = vec3f(0.030, 0.045, 0.022) * (light.sun * 0.6 + above);
-    let far_colour = mix(haze, woods, 0.30 * smoothstep(0.0, 0.05, direction.y));
-    let near_colour = mix(haze, woods, 0.50 * smoothstep(-0.004, 0.03, direction.y));
+    // So much air before something dark is bluer than the same air before the bright horizon.
+    let veil = haze * vec3f(0.84, 0.95, 1.06);
+    let far_colour = mix(mix(haze, veil, smoothstep(0.0, 0.05, direction.y)), woods, 0.30 * smoothstep(0.0, 0.05, direction.y));
+    let near_colour = mix(mix(haze, veil, smoothstep(-0.004, 0.03, direction.y)), woods, 0.50 * smoothstep(-0.004, 0.03, direction.y));
     colour = mix(colour, far_colour, 1.0 - smoothstep(-soft, soft, direction.y - far_ridge));
     colour = mix(colour, near_colour, 1.0 - smoothstep(-soft, soft, direction.y - near_ridge));
     return stored(colour);
