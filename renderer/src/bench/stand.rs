@@ -30,8 +30,11 @@ impl Stand {
         let gpu = Gpu::open(&device::instance(), None)?;
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let picture = targets::texture(&gpu, "picture", size, format, 1, usage);
+        let mut meadow = Meadow::new(&gpu, format);
+        // The paper's scheme has none; with them, both would draw the same again.
+        meadow.set_shadows(false);
         Ok(Self {
-            meadow: Meadow::new(&gpu, format),
+            meadow,
             targets: Targets::new(&gpu, size),
             timing: Timing::new(&gpu).context("the device has no timestamps; measure on another one")?,
             display: picture.create_view(&Default::default()),
