@@ -16,8 +16,6 @@ use crate::scene::camera::views::NamedView;
 use crate::scene::grassland::field::Field;
 use crate::scene::sky;
 
-/// Side of the field that [`NamedView`] looks at, metres: 14,926 tiles, as in Fan & Sheng.
-const FIELD_M: f32 = 22.0;
 
 /// Grows a meadow from the blades that the capture station has in its library
 ///
@@ -199,9 +197,11 @@ impl Cli {
             Some(hour) => sky::sun_at_hour(hour),
             None => Vec2::new(self.sun_deg.x.to_radians(), self.sun_deg.y.to_radians()),
         };
+        // Where the field has no end, the named views look at the part of it that is as large as the paper's.
+        let looked_at = Field::of_tiles(self.tiles.unwrap_or(Field::PAPER_TILES));
         let camera = match (&self.path, self.view) {
             (Some(path), _) => path.at(time_s),
-            (None, Some(view)) => view.camera(FIELD_M, sun_rad.x),
+            (None, Some(view)) => view.camera(2.0 * looked_at.edge().y, sun_rad.x),
             (None, None) => Camera {
                 foot: Vec2::ZERO,
                 eye_height_m: self.eye_height_m,
