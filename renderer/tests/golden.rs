@@ -26,7 +26,7 @@ const SAME_DRIVER: f32 = 0.002;
 const OTHER_DRIVER: f32 = 0.04;
 /// The same where blades throw shadows: the map of them has one sample a texel, and drivers do not agree on which
 /// texels a thin blade covers.
-const OTHER_DRIVERS_SHADOWS: f32 = 0.08;
+const OTHER_DRIVERS_SHADOWS: f32 = 0.06;
 
 struct Scene {
     name: &'static str,
