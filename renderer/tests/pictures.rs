@@ -12,6 +12,7 @@ use renderer::gpu::device::OpenError;
 use renderer::gpu::shader::Sources;
 use renderer::headless::Studio;
 use renderer::scene::camera::Camera;
+use renderer::scene::terrain;
 
 const SIZE: (u32, u32) = (320, 180);
 
@@ -166,4 +167,37 @@ fn blades_throw_shadows_on_each_other() {
     // Near map and far formula take about the same light, or the map's end would be seen.
     let (with, without) = (brightness(&with), brightness(&without));
     assert!((with / without - 1.0).abs() < 0.08, "{with} with, {without} without");
+}
+
+/// Mean colour of the ground and what grows on it between two distances from a camera that looks down on it.
+fn mean_between(studio: &mut Studio, view: &View, near_m: f32, far_m: f32) -> glam::Vec3 {
+    let picture = studio.draw(view).expect("a picture");
+    let clip_from_world = view.camera.clip_from_world(SIZE.0 as f32 / SIZE.1 as f32);
+    let ahead = view.camera.forward().with_y(0.0).normalize();
+    let row_at = |distance_m: f32| {
+        let p = view.camera.foot + Vec2::new(ahead.x, ahead.z) * distance_m;
+        let y = clip_from_world.project_point3(glam::Vec3::new(p.x, terrain::height_m(p), p.y)).y;
+        ((0.5 - 0.5 * y) * SIZE.1 as f32) as usize
+    };
+    let rows = row_at(far_m)..row_at(near_m);
+    assert!(rows.len() >= 4 && rows.end < SIZE.1 as usize, "{rows:?} between {near_m} and {far_m} m");
+    let pixels = &picture[4 * rows.start * SIZE.0 as usize..4 * rows.end * SIZE.0 as usize];
+    let sum: glam::Vec3 =
+        pixels.chunks_exact(4).map(|p| glam::Vec3::new(p[0].into(), p[1].into(), p[2].into())).sum();
+    sum * 4.0 / pixels.len() as f32
+}
+
+#[test]
+fn no_line_shows_where_blades_end() {
+    let Some(mut studio) = or_skip(Studio::open(SIZE)) else { return };
+    studio.plant(&Snapshot::validate(common::meadow(1)).expect("valid"));
+    for sun_rad in [Vec2::new(0.6, 0.5), Vec2::new(3.6, 0.9), Vec2::new(0.1, 0.2)] {
+        let camera = Camera { eye_height_m: 7.0, pitch_rad: -0.25, heading_rad: 0.1, ..view().camera };
+        let view = View { camera, sun_rad, ..view() };
+        let (inside, outside) = (0.75 * cull::RANGE_M, cull::RANGE_M);
+        let blades = mean_between(&mut studio, &view, inside, outside);
+        let ground = mean_between(&mut studio, &view, outside, 1.35 * outside);
+        let off = (blades - ground).abs().max_element();
+        assert!(off < 14.0, "sun {sun_rad}: {blades} before, {ground} behind the end of the blades");
+    }
 }

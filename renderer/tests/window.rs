@@ -111,7 +111,7 @@ fn colours(pixels: &[u8]) -> usize {
 
 /// Whether the four corners and the middle of the screen have something other than black.
 fn fills(pixels: &[u8]) -> bool {
-    let at = |x: usize, y: usize| &pixels[4 * (y * WIDTH + x)..][..3] != [0, 0, 0];
+    let at = |x: usize, y: usize| pixels[4 * (y * WIDTH + x)..][..3] != [0, 0, 0];
     let (right, bottom) = (WIDTH - 2, HEIGHT - 2);
     [(1, 1), (right, 1), (1, bottom), (right, bottom), (WIDTH / 2, HEIGHT / 2)]
         .iter()

@@ -37,7 +37,7 @@ pub fn luminance(colour: Vec3) -> f32 {
 ///
 /// # Source
 /// Preetham, Shirley and Smits, "A Practical Analytic Model for Daylight", 1999. Departures: the model
-/// is too bright ([`MEASURED_OVER_MODEL`]) and has no answer for a sun below the horizon, so the sky of a sun on the horizon goes dark with it; the
+/// is too bright (see `MEASURED_OVER_MODEL`) and has no answer for a sun below the horizon, so the sky of a sun on the horizon goes dark with it; the
 /// direction is held a little above the horizon; green is at least the mean of red and blue,
 /// since the fit's horizon is purple under a high sun, which no daylight is.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -75,7 +75,7 @@ fn fs_main(ground: Ground) -> @location(0) vec4f {
         // Thatch in the shade of the blades; where nothing grows, earth in the sun.
         let litter = grain(p, 0.017, 0.6, pixel_m) + grain(p + 0.02 * perlin(p * 23.0), 0.0071, 2.1, pixel_m);
         let speckle = saturate(0.42 + 0.26 * litter);
-        let thatch = mix(vec3f(0.030, 0.025, 0.013), vec3f(0.074, 0.058, 0.034), speckle);
+        let thatch = mix(vec3f(0.040, 0.035, 0.018), vec3f(0.098, 0.083, 0.045), speckle);
         let clods = 0.8 + 0.3 * perlin(p * 9.0) + 0.2 * perlin(p * 0.7);
         let earth = mix(vec3f(0.060, 0.042, 0.026), vec3f(0.140, 0.105, 0.068), speckle) * clods;
         near_light = select(

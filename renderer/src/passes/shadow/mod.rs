@@ -200,16 +200,7 @@ fn bind(
                     multisampled: false,
                 },
             ),
-            entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
         ],
-    });
-    // Between four texels, a shadow's edge is as soft as a texel is wide.
-    let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-        label: Some("shadow"),
-        mag_filter: wgpu::FilterMode::Linear,
-        min_filter: wgpu::FilterMode::Linear,
-        compare: Some(wgpu::CompareFunction::LessEqual),
-        ..Default::default()
     });
     let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("shadow"),
@@ -217,7 +208,6 @@ fn bind(
         entries: &[
             wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
             wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(map) },
-            wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&sampler) },
         ],
     });
     (layout, bindings)
