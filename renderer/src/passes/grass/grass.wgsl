@@ -48,16 +48,29 @@ struct SimulatedKnot {
 const TAU = 6.2831853;
 // Whose colour the root of the coarsest level has, as a part of the blade.
 const COARSE_ROOT = 0.4;
+// No blade sends more stored light than this.
+const BRIGHTEST = 0.9;
 
-// Turns `v` by `angle` (radians, as a vector in x and z) from upright towards that direction.
-fn lean(v: vec3f, angle: vec2f) -> vec3f {
-    let size = length(angle);
-    if size < 1e-5 {
-        return v;
-    }
-    let axis = vec3f(angle.y, 0.0, -angle.x) / size;
+// The turn by `angle` (radians, as a vector in x and z) from upright towards that direction.
+fn lean(angle: vec2f) -> mat3x3f {
+    let size = max(length(angle), 1e-6);
     let c = cos(size);
-    return v * c + cross(axis, v) * sin(size) + axis * (dot(axis, v) * (1.0 - c));
+    let s = sin(size);
+    // About (x, 0, z), which is level and across the direction.
+    let x = angle.y / size;
+    let z = -angle.x / size;
+    let d = 1.0 - c;
+    return mat3x3f(
+        vec3f(c + d * x * x, s * z, d * x * z),
+        vec3f(-s * z, c, s * x),
+        vec3f(d * x * z, -s * x, c + d * z * z),
+    );
+}
+
+// A unit vector along `v`, `otherwise` where it has no direction.
+fn along_or(v: vec3f, otherwise: vec3f) -> vec3f {
+    let size = length(v);
+    return select(otherwise, v / max(size, 1e-20), size > 1e-9);
 }
 
 fn shape_knot(at: u32, is_old: bool) -> ShapeKnot {
@@ -114,13 +127,14 @@ fn expand(index: u32, at: u32) -> Ribbon {
         let last = LEVEL_KNOTS[0] - 1u;
         tangent = simulated_knots[first + min(finest_row + 1u, last)].position
             - simulated_knots[first + max(finest_row, 1u) - 1u].position;
-        across = lean(across, own_lean);
+        across = lean(own_lean) * across;
         // Its own lean is in its knots already.
         angle = blade.bend_rad * along;
     }
-    midrib = lean(midrib, angle);
-    across = normalize(lean(across, angle));
-    tangent = lean(tangent, angle);
+    let leaning = lean(angle);
+    midrib = leaning * midrib;
+    across = along_or(leaning * across, vec3f(1.0, 0.0, 0.0));
+    tangent = along_or(leaning * tangent, vec3f(0.0, 1.0, 0.0));
 
     let midrib_in_world = blade.root_in_world + midrib;
     let eye_distance = distance(midrib_in_world, frame.eye_in_world);
@@ -130,11 +144,12 @@ fn expand(index: u32, at: u32) -> Ribbon {
     let right_width = max(knot.half_width_right * blade.widen, thinnest);
     let offset = select(-left_width, right_width, right);
     // A blade seen on its edge turns a little towards the eye, or it would flicker as a dotted line.
-    let normal = normalize(cross(tangent, across));
+    let normal = along_or(cross(tangent, across), vec3f(0.0, 0.0, 1.0));
     let to_eye = (frame.eye_in_world - midrib_in_world) / eye_distance;
-    let on_edge = 1.0 - abs(dot(normal, to_eye));
-    let broadside = cross(to_eye, normalize(tangent));
-    let turned_across = broadside * (sign(dot(broadside, across)) * 0.45 * pow(on_edge, 6.0));
+    let on_edge = saturate(1.0 - abs(dot(normal, to_eye)));
+    let broadside = cross(to_eye, tangent);
+    let on_edge_3 = on_edge * on_edge * on_edge;
+    let turned_across = broadside * (sign(dot(broadside, across)) * 0.45 * on_edge_3 * on_edge_3);
     let in_world = midrib_in_world + (across + turned_across) * offset;
 
     // Most of a triangle is near its root, most of a blade is not: the root has the colour of higher up.
@@ -179,5 +194,6 @@ fn vs_lit(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) -
 
 @fragment
 fn fs_lit(lit: Lit) -> @location(0) vec4f {
-    return lit.colour;
+    // Of a sliver, the sample may lie beyond the vertices that were lit.
+    return clamp(lit.colour, vec4f(0.0), vec4f(vec3f(BRIGHTEST), 1.0));
 }
