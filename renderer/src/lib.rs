@@ -5,7 +5,7 @@
 //! whether to a window ([`app`]) or to files ([`headless`]).
 //!
 //! In a window, [`nursery`] makes libraries ready beside the frames, and [`governor`] holds a frame budget;
-//! [`bench`] measures.
+//! [`mod@bench`] measures.
 //!
 //! Invariant: `scene` never names the GPU.
 
