@@ -97,7 +97,7 @@ install_missing() {
 need_build_tools() {
   need ca-certificates "to fetch the crates over TLS" compgen -G "/etc/ssl/certs/*.*"
   need gcc "to build the C parts of the crates (zstd, lz4) and to link" command -v cc
-  need g++ "to build the measure by which the tests compare pictures (FLIP)" command -v c++
+  need g++ "to build the measure by which tests and bench compare pictures (FLIP)" command -v c++
   need libc6-dev "the C library's headers and start files" has_file /usr/include/stdlib.h
   if ! find_rust; then
     [ -n "$(command -v rustc)" ] && say "$(rustc --version 2>/dev/null) is here, $rust_needed is needed"

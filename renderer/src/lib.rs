@@ -4,6 +4,9 @@
 //! between two frames ([`frame::Meadow::plant`]), and each frame goes through [`frame::Meadow::draw`],
 //! whether to a window ([`app`]) or to files ([`headless`]).
 //!
+//! In a window, [`nursery`] makes libraries ready beside the frames, and [`governor`] holds a frame budget;
+//! [`mod@bench`] measures.
+//!
 //! Invariant: `scene` never names the GPU.
 
 pub mod app;

@@ -156,7 +156,7 @@ fn grow_blade(
     let morph = if survey.blended == 1 { morph } else { 0.0 };
     let instance = Instance {
         root_in_world,
-        first_knot: mix::shape_of(share.shape) as u32 * SHAPE_KNOTS + first_knot(level) | old << 31,
+        first_knot: (mix::shape_of(share.shape) as u32 * SHAPE_KNOTS + first_knot(level)) | (old << 31),
         bend_rad: wind::bend_rad(root, frame.time_s) + terrain::tuft_lean_rad(root),
         scale: scale * presence,
         widen: size * widen * presence.sqrt(),

@@ -51,7 +51,7 @@ pub const MAX_GROWTH: f32 = SCALE.1 * LUSH_SCALE.1;
 pub const TILE_RADIUS_M: f32 = 0.84 * TILE_M;
 
 /// Blades that can be drawn at once.
-pub const CAPACITY: u32 = 393_216;
+pub const CAPACITY: u32 = 524_288;
 /// Blades that can be drawn at once when nothing is thrown away: tiles are drawn whole.
 pub const NAIVE_CAPACITY: u32 = NAIVE_TILES * TILE_BLADES;
 /// Tiles that can be drawn when nothing is thrown away.
@@ -282,7 +282,10 @@ pub fn plan(frame: &Frame, field: &Field, detail: Detail, reach_m: f32, swapped:
         };
         let seen = field::blocks_in_sight(field, &sight);
         let most = |full_pixel_m: f32| -> f32 {
-            let kept = seen.iter().map(|seen| kept(full_pixel_m, frame.pixel_rad, seen.nearest_m));
+            // What is kept falls evenly enough over a block to be taken from its middle; near the eye, it is all.
+            let kept = seen.iter().map(|seen| {
+                kept(full_pixel_m, frame.pixel_rad, seen.nearest_m + 0.5 * field::BLOCK_SIDE as f32 * TILE_M)
+            });
             kept.sum::<f32>() * (field::BLOCK_SIDE * field::BLOCK_SIDE) as f32 * TILE_BLADES as f32
         };
         while most(survey.full_pixel_m) > CAPACITY as f32 {

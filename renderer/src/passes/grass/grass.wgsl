@@ -48,6 +48,14 @@ struct SimulatedKnot {
 const TAU = 6.2831853;
 // Whose colour the root of the coarsest level has, as a part of the blade.
 const COARSE_ROOT = 0.4;
+// No blade sends more stored light than this.
+const BRIGHTEST = 0.9;
+
+// A unit vector along `v`, `otherwise` where it has no direction.
+fn along_or(v: vec3f, otherwise: vec3f) -> vec3f {
+    let size = length(v);
+    return select(otherwise, v / max(size, 1e-20), size > 1e-9);
+}
 
 fn shape_knot(at: u32, is_old: bool) -> ShapeKnot {
     if is_old {
@@ -106,8 +114,8 @@ fn expand(index: u32, at: u32) -> Ribbon {
     }
     let turn_rad = 2.0 * along * blade.bend_rad;
     midrib = bent(midrib, tangent, along, blade.bend_rad);
-    across = normalize(lean(across, turn_rad));
-    tangent = lean(tangent, turn_rad);
+    across = along_or(lean(across, turn_rad), vec3f(1.0, 0.0, 0.0));
+    tangent = along_or(lean(tangent, turn_rad), vec3f(0.0, 1.0, 0.0));
 
     let midrib_in_world = blade.root_in_world + midrib;
     let eye_distance = distance(midrib_in_world, frame.eye_in_world);
@@ -117,11 +125,12 @@ fn expand(index: u32, at: u32) -> Ribbon {
     let right_width = max(knot.half_width_right * blade.widen, thinnest);
     let offset = select(-left_width, right_width, right);
     // A blade seen on its edge turns a little towards the eye, or it would flicker as a dotted line.
-    let normal = normalize(cross(tangent, across));
+    let normal = along_or(cross(tangent, across), vec3f(0.0, 0.0, 1.0));
     let to_eye = (frame.eye_in_world - midrib_in_world) / eye_distance;
-    let on_edge = 1.0 - abs(dot(normal, to_eye));
-    let broadside = cross(to_eye, normalize(tangent));
-    let turned_across = broadside * (sign(dot(broadside, across)) * 0.45 * pow(on_edge, 6.0));
+    let on_edge = saturate(1.0 - abs(dot(normal, to_eye)));
+    let broadside = cross(to_eye, tangent);
+    let on_edge_3 = on_edge * on_edge * on_edge;
+    let turned_across = broadside * (sign(dot(broadside, across)) * 0.45 * on_edge_3 * on_edge_3);
     let in_world = midrib_in_world + (across + turned_across) * offset;
 
     let hue = f32(blade.lean_hue >> 20u) * (1.0 / 4095.0);
@@ -165,5 +174,6 @@ fn vs_lit(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) -
 
 @fragment
 fn fs_lit(lit: Lit) -> @location(0) vec4f {
-    return lit.colour;
+    // Of a sliver, the sample may lie beyond the vertices that were lit.
+    return clamp(lit.colour, vec4f(0.0), vec4f(vec3f(BRIGHTEST), 1.0));
 }

@@ -138,6 +138,7 @@ impl Shadows {
     }
 
     /// Draws the map at `place` with what `cull` let through.
+    #[expect(clippy::too_many_arguments, reason = "a pass is given all that it reads")]
     pub fn draw(
         &self,
         gpu: &Gpu,

@@ -169,8 +169,7 @@ mod tests {
     }
 
     fn sight(foot: Vec2) -> Sight {
-        let camera =
-            Camera { foot, eye_height_m: 1.7, heading_rad: 0.3, pitch_rad: -0.17, fov_y_rad: 1.0472 };
+        let camera = Camera { foot, eye_height_m: 1.7, heading_rad: 0.3, pitch_rad: -0.17, fov_y_rad: 1.05 };
         Sight {
             eye_in_world: camera.eye_in_world(),
             planes: frustum_planes(camera.clip_from_world(1.6)),
