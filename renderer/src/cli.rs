@@ -16,7 +16,6 @@ use crate::scene::camera::views::NamedView;
 use crate::scene::grassland::field::Field;
 use crate::scene::sky;
 
-
 /// Grows a meadow from the blades that the capture station has in its library
 ///
 /// In a window, or as pictures. While no station answers, it shows the meadow that it had last and tries again.

@@ -11,6 +11,7 @@ use renderer::frame::View;
 use renderer::gpu::device::OpenError;
 use renderer::gpu::shader::Sources;
 use renderer::headless::Studio;
+use renderer::passes::cull;
 use renderer::scene::camera::Camera;
 use renderer::scene::terrain;
 
