@@ -95,3 +95,21 @@ fn blades_are_as_wide_as_they_are_all_along() {
         }
     }
 }
+
+#[test]
+fn no_midrib_goes_back_over_its_blade() {
+    // The outline of a blade in this hand ends in a hook at the root.
+    let frames = Scene::new(Family::Held, 991_003).frames();
+    let clip = Clip::new(Scene::new(Family::Held, 991_003), ClipParams { frames, ..ClipParams::default() });
+    let clip = clip.expect("valid parameters");
+    let mut session = Session::new(SessionParams::default());
+    let captures: Vec<Capture> = clip.frames().filter_map(|frame| session.push(&frame)).collect();
+    let blades: Vec<&CapturedBlade> = captures.iter().flat_map(|capture| &capture.steps.blades).collect();
+    assert!(blades.len() >= 4, "{} blades", blades.len());
+    for blade in blades {
+        let knots = &blade.knots_in_camera;
+        let length_m: f32 = knots.windows(2).map(|pair| pair[0].position.distance(pair[1].position)).sum();
+        let apart_m = knots[0].position.distance(knots[knots.len() - 1].position);
+        assert!(apart_m > 0.6 * length_m, "{length_m} m of midrib between ends {apart_m} m apart");
+    }
+}

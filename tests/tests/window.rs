@@ -57,15 +57,16 @@ impl Screen {
         bytes[number(0) + 12 * number(19)..][..4 * WIDTH * HEIGHT].to_vec()
     }
 
-    /// Waits for a picture that is not `before` and does not change any more.
+    /// Waits for a picture that is not `before` and has not changed for longer than blades take to grow.
     fn next_picture(&self, before: &[u8]) -> Vec<u8> {
-        let mut last = before.to_vec();
+        const LOOKS: u32 = 5;
+        let (mut last, mut same) = (before.to_vec(), 0);
         let picture = wait_for(DEADLINE, || {
             std::thread::sleep(Duration::from_millis(500));
             let now = self.pixels();
-            let settled = now == last && now != before;
+            same = if now == last && now != before { same + 1 } else { 0 };
             last = now;
-            settled.then(|| last.clone())
+            (same >= LOOKS).then(|| last.clone())
         });
         picture.expect("the picture changes and settles")
     }
@@ -84,7 +85,8 @@ fn a_window_shows_the_meadow_once_there_is_a_daemon_and_keeps_it_when_the_daemon
     let socket = folder.path().join("station.socket");
     let screen = Screen::start(folder.path());
     let nothing = screen.pixels();
-    let mut command = Program::Render.command(["--time-scale", "0", "--size", "640x360", "--socket"]);
+    let mut command =
+        Program::Render.command(["--time-scale", "0", "--budget-ms", "0", "--size", "640x360", "--socket"]);
     command.arg(&socket).env("DISPLAY", &screen.display);
     let mut window = Running::start(command);
     let bare = screen.next_picture(&nothing);

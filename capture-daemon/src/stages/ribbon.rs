@@ -301,6 +301,8 @@ pub(super) fn extend(
     // The last section that stood clear of all others, and how far it is back.
     let (mut clear, mut unclear) = (sections.len(), 0.0);
     let mut trend = Trend::of(sections);
+    // The very last sections of an outline may hook.
+    let outward = way(sections, sections.len() - 1, 24);
     let end = loop {
         let coasted = sections.len() - seen;
         let search_px = 1.8 + 0.12 * coasted as f32;
@@ -354,12 +356,35 @@ pub(super) fn extend(
             // Hidden by something before it, it may end there.
             break if hidden > 3 { End::Lost } else { End::Free };
         }
+        if sections.len() % 4 == 0 && way(sections, sections.len() - 1, 4).dot(outward) < -0.5 {
+            if let Some(before) = doubled_back(sections) {
+                sections.truncate((before + sections.len()) / 2);
+                return End::Lost;
+            }
+        }
         if hidden > params.hidden_px || unseen > params.unseen_px || sections.len() > 2000 {
             break End::Lost;
         }
     };
     sections.truncate(seen);
     end
+}
+
+/// Unit vector along the `count` sections before a section, towards it.
+fn way(sections: &[Section], last: usize, count: usize) -> Vec2 {
+    (sections[last].expected.mid - sections[last.saturating_sub(count)].expected.mid).normalize_or_zero()
+}
+
+/// The section that the last one lies on again, on its way back over the blade that it came from.
+fn doubled_back(sections: &[Section]) -> Option<usize> {
+    let last = sections.len() - 1;
+    let Expected { mid, half_px, .. } = sections[last].expected;
+    let back = way(sections, last, 4);
+    let apart = 8 + (4.0 * half_px) as usize;
+    (0..last.saturating_sub(apart)).rev().find(|before| {
+        let near = sections[*before].expected.mid.distance_squared(mid) < half_px * half_px;
+        near && way(sections, *before, 4).dot(back) < -0.5
+    })
 }
 
 /// Whether what comes out from behind something looks like the blade that went in.
