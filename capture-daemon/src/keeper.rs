@@ -387,15 +387,9 @@ impl Keeper {
         {
             self.note_trouble(&error);
         }
-        match (&before, &self.trouble) {
-            (Some(_), None) => {
-                self.is_said = false;
-                tracing::info!("the store can be written again");
-            }
-            (Some(before), Some(now)) if before != now => {
-                tracing::warn!(reason = now, "the store cannot be written")
-            }
-            _ => {}
+        if before.is_some() && self.trouble.is_none() {
+            self.is_said = false;
+            tracing::info!("the store can be written again");
         }
         self.announce();
     }

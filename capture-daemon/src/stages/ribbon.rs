@@ -356,11 +356,16 @@ pub(super) fn extend(
             // Hidden by something before it, it may end there.
             break if hidden > 3 { End::Lost } else { End::Free };
         }
-        if sections.len() % 4 == 0 && way(sections, sections.len() - 1, 4).dot(outward) < -0.5 {
-            if let Some(before) = doubled_back(sections) {
-                sections.truncate((before + sections.len()) / 2);
-                return End::Lost;
-            }
+        let turned = seen == sections.len()
+            && seen.is_multiple_of(4)
+            && way(sections, seen - 1, 4).dot(outward) < -0.5;
+        if let Some(before) = turned.then(|| doubled_back(sections)).flatten() {
+            let turn = (before + seen) / 2;
+            sections.truncate(turn);
+            // A tip tapers towards it.
+            let half_px = |section: usize| sections[section].expected.half_px;
+            let is_tip = half_px(turn - 1) < 0.8 * half_px(before.saturating_sub(seen - before));
+            return if is_tip { End::Free } else { End::Lost };
         }
         if hidden > params.hidden_px || unseen > params.unseen_px || sections.len() > 2000 {
             break End::Lost;

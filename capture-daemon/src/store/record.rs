@@ -24,6 +24,8 @@ use crate::mistake;
 pub const FORMAT: i64 = 1;
 /// How far a written `across` may be from unit length; it is made exact when it is read.
 const ACROSS_TOLERANCE: f32 = 0.02;
+/// How long a blade may be, metres.
+const LENGTH_M: std::ops::RangeInclusive<f32> = 0.001..=10.0;
 
 /// A blade and what is known of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -115,6 +117,7 @@ pinned = false
 mix = 1.0
 length_m = 0.2
 max_width_m = 0.008
+shape = "0123456789abcdef"
 quality = 1.0
 captured_unix_ns = 1700000000000000000
 knots = [
@@ -153,6 +156,7 @@ struct File {
     mix: Option<Spanned<f32>>,
     length_m: Option<Spanned<f32>>,
     max_width_m: Option<Spanned<f32>>,
+    shape: Option<String>,
     quality: Option<Spanned<f32>>,
     captured_unix_ns: Option<u64>,
     knots: Spanned<Vec<Spanned<FileKnot>>>,
@@ -180,8 +184,9 @@ impl Record {
     /// Reads the blade of this `name` from its file's `text`. `modified_unix_ns`: when the file was
     /// last changed, the time of a blade that does not say when it was captured.
     ///
-    /// Without `id`, it is made of the name and the knots; without `length_m` and `max_width_m`, they
-    /// are measured on the knots; `mix` and `quality` are 1 where they are not given.
+    /// Without `id`, it is made of the name and the knots; without `length_m` and `max_width_m`, or where
+    /// `shape` says that the knots have been changed since, they are measured on the knots, and what was known
+    /// of how well they were measured is void; `mix` and `quality` are 1 where they are not given.
     ///
     /// # Errors
     /// The first thing that is wrong, with line and column.
@@ -225,7 +230,18 @@ impl Record {
         let number = |given: &Option<Spanned<f32>>, otherwise: f32| {
             given.as_ref().map_or(otherwise, |value| *value.get_ref())
         };
-        let size = [number(&file.length_m, length_m(&knots)), number(&file.max_width_m, max_width_m(&knots))];
+        if !LENGTH_M.contains(&length_m(&knots)) {
+            let reason = format!(
+                "the blade is {} m long along its `knots`, expected {} to {} m",
+                length_m(&knots),
+                LENGTH_M.start(),
+                LENGTH_M.end()
+            );
+            return Err(at(file.knots.span(), reason));
+        }
+        let is_edited = file.shape.as_ref().is_some_and(|shape| *shape != shape_of(&knots));
+        let size = [(&file.length_m, length_m(&knots)), (&file.max_width_m, max_width_m(&knots))]
+            .map(|(given, of_knots)| if is_edited { of_knots } else { number(given, of_knots) });
         let captured = file.captured_unix_ns.unwrap_or(modified_unix_ns);
         let blade = Blade::new(id, name, knots, size, captured, number(&file.quality, 1.0))
             .and_then(|blade| blade.with_mix(number(&file.mix, 1.0)))
@@ -240,6 +256,7 @@ impl Record {
                 at(value.as_ref().map_or(0..0, Spanned::span), error.to_string())
             })?;
         let File { pinned, sequence, measured, provenance, .. } = file;
+        let measured = measured.filter(|_| !is_edited);
         Ok(Self { blade, pinned, sequence, measured, provenance })
     }
 
@@ -263,8 +280,10 @@ impl Record {
         line("quality", number(blade.quality()));
         line("length_m", number(blade.length_m()));
         line("max_width_m", number(blade.max_width_m()));
+        line("shape", format!("\"{}\"", shape_of(blade.knots())));
         text.push_str(
-            "# From root to tip: x right, y up, z towards the camera, metres; half widths left and right;\n\
+            "# `shape` stands for the knots as they were written: once they are edited, length and width are measured\n\
+             # on them. From root to tip: x right, y up, z towards the camera, metres; half widths left and right;\n\
              # across points from the left edge to the right one.\nknots = [\n",
         );
         for knot in blade.knots() {
@@ -372,6 +391,13 @@ fn made_id(name: &str, knots: &[Knot]) -> BladeId {
     named.update(name.as_bytes());
     let stamp = u64::from_le_bytes(named.finalize().as_bytes()[..8].try_into().expect("8 of 32 bytes"));
     BladeId::of(stamp, 0, knots)
+}
+
+/// By which an edit of the knots is told: 16 hexadecimal digits that stand for them.
+fn shape_of(knots: &[Knot]) -> String {
+    let mut shape = BladeId::of(0, 0, knots).to_string();
+    shape.truncate(16);
+    shape
 }
 
 fn length_m(knots: &[Knot]) -> f32 {

@@ -169,16 +169,20 @@ fn thin_out(shelf: &Path, name: &str) {
 mod tests {
     use super::*;
 
+    /// `height`: decimetres.
     fn blade(height: usize, mix: usize) -> String {
+        let height_m = height as f32 / 10.0;
         format!(
-            "format = 1\nmix = {mix}.0\nknots = [\n  {{ position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] }},\n  {{ position_m = [0.0, {height}.0, 0.0], half_width_m = [0.0, 0.0] }},\n]\n"
+            "format = 1\nmix = {mix}.0\nknots = [\n  {{ position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] }},\n  {{ position_m = [0.0, {height_m:?}, 0.0], half_width_m = [0.0, 0.0] }},\n]\n"
         )
     }
 
-    /// Length and weight of what is on the shelf, the oldest first.
+    /// Length in decimetres and weight of what is on the shelf, the oldest first.
     fn kept(folder: &Path) -> Vec<(usize, usize)> {
         let mut kept: Vec<_> = versions(folder, "fern")
-            .map(|Version { record, .. }| (record.blade.length_m() as usize, record.blade.mix() as usize))
+            .map(|Version { record, .. }| {
+                ((10.0 * record.blade.length_m()).round() as usize, record.blade.mix() as usize)
+            })
             .collect();
         kept.reverse();
         kept
