@@ -59,17 +59,23 @@ impl Screen {
 
     /// Waits for a picture that is not `before` and has not changed for longer than blades take to grow.
     fn next_picture(&self, before: &[u8]) -> Vec<u8> {
-        const LOOKS: u32 = 5;
+        const LOOKS: u32 = 4;
         let (mut last, mut same) = (before.to_vec(), 0);
         let picture = wait_for(DEADLINE, || {
             std::thread::sleep(Duration::from_millis(500));
             let now = self.pixels();
-            same = if now == last && now != before { same + 1 } else { 0 };
+            same = if alike(&now, &last) && !alike(&now, before) { same + 1 } else { 0 };
             last = now;
             (same >= LOOKS).then(|| last.clone())
         });
         picture.expect("the picture changes and settles")
     }
+}
+
+/// Whether two pictures show the same: the order in which the GPU draws blades is its own, which few pixels tell.
+fn alike(a: &[u8], b: &[u8]) -> bool {
+    let differing = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 8).count();
+    a.len() == b.len() && differing * 2000 < a.len()
 }
 
 fn colours(pixels: &[u8]) -> usize {
@@ -103,5 +109,5 @@ fn a_window_shows_the_meadow_once_there_is_a_daemon_and_keeps_it_when_the_daemon
     daemon.kill();
     std::thread::sleep(Duration::from_secs(2));
     assert_eq!(window.ended(), None, "the renderer outlives the daemon");
-    assert!(screen.pixels() == meadow, "the meadow stays");
+    assert!(alike(&screen.pixels(), &meadow), "the meadow stays");
 }
