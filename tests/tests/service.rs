@@ -392,7 +392,7 @@ fn a_hundred_readers_are_served_and_more_than_the_limit_are_turned_away() {
     let served = more.iter_mut().map(ask).filter(|served| *served).count();
     assert!((8..=10).contains(&served), "{served} of 20 on top of 100, where 110 may be");
     // Places that were left a moment ago are free only now.
-    std::thread::sleep(std::time::Duration::from_millis(500));
+    std::thread::sleep(Duration::from_millis(500));
     more.extend((0..3).map(|_| daemon.connect()));
     // Who finds no place is told so, whether it asks first or reads first, and a flood of such costs nothing.
     let full = json!({"error": "io.sward.Station.TooManyConnections", "parameters": {"limit": 110}});
