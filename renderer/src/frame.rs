@@ -22,7 +22,7 @@ pub const SWAP_S: f32 = 1.0;
 /// What every shader reads, in its layout.
 pub mod gpu_data {
     use bytemuck::{Pod, Zeroable};
-    use glam::{Mat4, Vec3, Vec4};
+    use glam::{Mat4, Vec2, Vec3, Vec4};
 
     /// The frame's uniform.
     #[repr(C)]
@@ -46,6 +46,10 @@ pub mod gpu_data {
         pub full_pixel_m: f32,
         /// How far blades are drawn, metres.
         pub range_m: f32,
+        /// The field's least corner, x and z, metres.
+        pub field_from_m: Vec2,
+        /// Its greatest.
+        pub field_to_m: Vec2,
     }
 }
 
@@ -75,6 +79,8 @@ impl View {
             grows: u32::from(grows),
             full_pixel_m: 0.0,
             range_m: 0.0,
+            field_from_m: Vec2::ZERO,
+            field_to_m: Vec2::ZERO,
         }
     }
 }
@@ -205,6 +211,7 @@ impl Meadow {
             0 => (plan.survey.full_pixel_m, plan.survey.range_m),
             _ => (f32::MAX, f32::MAX),
         };
+        (uniform.field_from_m, uniform.field_to_m) = self.field.corners_m();
         self.world.write(gpu, &uniform, &light);
         let mut encoder =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });

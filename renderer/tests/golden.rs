@@ -17,7 +17,9 @@ use nv_flip::{FlipImageRgb8, FlipPool};
 use renderer::frame::View;
 use renderer::gpu::device::OpenError;
 use renderer::headless::Studio;
+use renderer::passes::cull::Detail;
 use renderer::scene::camera::Camera;
+use renderer::scene::grassland::field::Field;
 
 const SIZE: (u32, u32) = (480, 270);
 /// Mean FLIP that Mesa's software driver may be off by: it rounds a little differently on other processors.
@@ -34,6 +36,7 @@ struct Scene {
     blades: Option<&'static [usize]>,
     /// Whether blades throw shadows.
     shadows: bool,
+    field: Field,
     view: View,
 }
 
@@ -51,26 +54,66 @@ fn view(eye_height_m: f32, heading_deg: f32, pitch_deg: f32, sun_deg: (f32, f32)
     }
 }
 
-/// Views that see few tiles: at most 10,000 blades.
+/// Views that see few tiles.
 fn scenes() -> Vec<Scene> {
     vec![
-        Scene { name: "sky", blades: Some(&[]), shadows: false, view: view(1.5, 40.0, 12.0, (60.0, 22.0)) },
+        Scene {
+            name: "sky",
+            blades: Some(&[]),
+            shadows: false,
+            field: Field::ENDLESS,
+            view: view(1.5, 40.0, 12.0, (60.0, 22.0)),
+        },
         Scene {
             name: "bare-ground",
             blades: Some(&[]),
             shadows: false,
+            field: Field::ENDLESS,
             view: view(0.4, 0.0, -30.0, (46.0, 24.0)),
         },
-        Scene { name: "near", blades: None, shadows: false, view: view(0.30, 20.0, -38.0, (46.0, 34.0)) },
-        Scene { name: "shadows", blades: None, shadows: true, view: view(0.30, 20.0, -38.0, (46.0, 34.0)) },
-        Scene { name: "above", blades: None, shadows: false, view: view(0.65, 0.0, -88.0, (120.0, 55.0)) },
+        Scene {
+            name: "near",
+            blades: None,
+            shadows: false,
+            field: Field::ENDLESS,
+            view: view(0.30, 20.0, -38.0, (46.0, 34.0)),
+        },
+        Scene {
+            name: "shadows",
+            blades: None,
+            shadows: true,
+            field: Field::ENDLESS,
+            view: view(0.30, 20.0, -38.0, (46.0, 34.0)),
+        },
+        Scene {
+            name: "above",
+            blades: None,
+            shadows: false,
+            field: Field::ENDLESS,
+            view: view(0.65, 0.0, -88.0, (120.0, 55.0)),
+        },
         Scene {
             name: "against-sun",
             blades: Some(&[0, 4]),
             shadows: false,
+            field: Field::ENDLESS,
             view: view(0.30, 50.0, -28.0, (50.0, 14.0)),
         },
+        // A field small enough to see its end: every level of detail, and the ground beyond.
+        Scene {
+            name: "levels",
+            blades: None,
+            shadows: false,
+            field: Field::of_tiles(1600),
+            view: from_the_edge(),
+        },
     ]
+}
+
+fn from_the_edge() -> View {
+    let foot = Field::of_tiles(1600).edge();
+    let camera = Camera { foot, eye_height_m: 0.9, heading_rad: 0.0, pitch_rad: -0.17, fov_y_rad: 0.7 };
+    View { camera, ..view(0.0, 0.0, 0.0, (46.0, 24.0)) }
 }
 
 fn or_skip(opened: Result<Studio, OpenError>) -> Option<Studio> {
@@ -94,6 +137,7 @@ fn say(line: &str) {
 fn draw(studio: &mut Studio, scene: &Scene) -> RgbImage {
     let bytes = scene.blades.map_or_else(|| common::meadow(1), |which| common::library(1, which));
     studio.garden().set_shadows(scene.shadows);
+    studio.garden().lay_out(scene.field, Detail::default());
     studio.plant(&Snapshot::validate(bytes).expect("a valid library"));
     let pixels = studio.draw(&scene.view).expect("a picture");
     let rgb = pixels.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect();

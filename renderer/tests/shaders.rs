@@ -75,6 +75,8 @@ fn structs_lie_in_memory_as_in_rust() {
                 grows,
                 full_pixel_m,
                 range_m,
+                field_from_m,
+                field_to_m,
             }
         );
     }

@@ -171,6 +171,7 @@ fn constants() -> String {
     let first_knots = (0..shapes::LEVELS).map(|level| unsigned(shapes::first_knot(level)));
     define("LEVEL_FIRST_KNOT", array("u32", first_knots.collect()));
     define("GROUND_RANGE_M", float(ground::RANGE_M));
+    define("FIELD_FRINGE_M", float(ground::FIELD_FRINGE_M));
     define("GROUND_RINGS", unsigned(ground::RINGS));
     define("GROUND_SECTORS", unsigned(ground::SECTORS));
     text

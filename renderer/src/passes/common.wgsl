@@ -12,6 +12,8 @@ struct Frame {
     grows: u32,
     full_pixel_m: f32,
     range_m: f32,
+    field_from_m: vec2f,
+    field_to_m: vec2f,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -28,7 +28,7 @@ pub const RANGE_M: f32 = 42.0;
 /// From this part of the range on, blades sink into the ground.
 pub const FADE_FROM: f32 = 0.7;
 /// Up to where a pixel covers so many metres every blade of a tile is drawn; then ever fewer.
-pub const FULL_PIXEL_M: f32 = 0.0065;
+pub const FULL_PIXEL_M: f32 = 0.0074;
 /// How much of a blade's size comes from the order in which tiles are thinned out, 0 to 1; the rest is its own. Short
 /// blades go first: taller ones hide them, so that little of the picture goes with them.
 pub const SIZE_BY_RANK: f32 = 0.88;
@@ -40,7 +40,7 @@ pub const MAX_WIDEN: f32 = 12.0;
 pub const CANOPY_M: f32 = 0.17;
 /// A blade whose reach is smaller than this, in pixels, has the next level's knots; the last level takes what is
 /// left.
-pub const LEVEL_PX: [f32; LEVELS - 1] = [90.0, 26.0, 8.0];
+pub const LEVEL_PX: [f32; LEVELS - 1] = [90.0, 26.0, 14.0];
 /// A blade turns into its next level from this many times that size on.
 pub const MORPH_FROM: f32 = 1.2;
 /// Smallest and largest factor of lushness on a blade's size.

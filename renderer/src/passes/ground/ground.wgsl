@@ -68,7 +68,10 @@ fn fs_main(ground: Ground) -> @location(0) vec4f {
     // the others, at the end for all.
     let ratio = min(frame.full_pixel_m / max(frame.pixel_rad * distance_m, 1e-9), 1.0);
     let drawn = ratio * sqrt(sqrt(ratio)) * (1.0 - smoothstep(FADE_FROM * frame.range_m, frame.range_m, distance_m));
-    let far = select(0.0, 1.0 - drawn, frame.grows > 0u);
+    // Where the field ends, the same meadow goes on, seen from afar.
+    let beyond_m = max(frame.field_from_m - p, p - frame.field_to_m);
+    let within = 1.0 - smoothstep(-FIELD_FRINGE_M, FIELD_FRINGE_M, max(beyond_m.x, beyond_m.y));
+    let far = select(0.0, 1.0 - drawn * within, frame.grows > 0u);
 
     var near_light = vec3f(0.0);
     if far < 1.0 {

@@ -5,6 +5,8 @@ use crate::gpu::Gpu;
 
 /// How far the ground reaches, metres: to where the haze has taken it.
 pub const RANGE_M: f32 = 700.0;
+/// From so far within a field's end to so far beyond it the ground takes the look of the meadow, metres.
+pub const FIELD_FRINGE_M: f32 = 0.15;
 /// Rings around the eye, narrow near it and wide far away.
 pub const RINGS: u32 = 96;
 /// Sectors of a ring.

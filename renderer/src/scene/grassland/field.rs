@@ -59,6 +59,13 @@ impl Field {
         )
     }
 
+    /// The least and the greatest corner of the rectangle around all tiles, (x, z) in metres.
+    pub fn corners_m(&self) -> (Vec2, Vec2) {
+        let rows = self.tiles.div_ceil(self.columns);
+        let first = self.first.as_vec2() * TILE_M;
+        (first, first + Vec2::new(self.columns as f32, rows as f32) * TILE_M)
+    }
+
     /// First and last block, both included, that have a tile of it.
     fn blocks(&self) -> (IVec2, IVec2) {
         let rows = self.tiles.div_ceil(self.columns);
