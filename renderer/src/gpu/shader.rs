@@ -26,6 +26,7 @@ const FILES: &[(&str, &str)] = &built_in![
     "grass/grass.wgsl",
     "grass/light.wgsl",
     "ground/ground.wgsl",
+    "instance.wgsl",
     "leaf.wgsl",
     "light.wgsl",
     "shadow/shadow.wgsl",
@@ -37,7 +38,10 @@ const FILES: &[(&str, &str)] = &built_in![
 /// The shaders by pass, and the files that each is put together from, in order.
 pub const PASSES: [(&str, &[&str]); 7] = [
     ("cull.tiles", &["common.wgsl", "cull/survey.wgsl", "cull/tiles.wgsl"]),
-    ("cull.blades", &["common.wgsl", "wind.wgsl", "light.wgsl", "cull/survey.wgsl", "cull/blades.wgsl"]),
+    (
+        "cull.blades",
+        &["common.wgsl", "wind.wgsl", "light.wgsl", "instance.wgsl", "cull/survey.wgsl", "cull/blades.wgsl"],
+    ),
     ("cull.args", &["common.wgsl", "cull/survey.wgsl", "cull/args.wgsl"]),
     (
         "grass",
@@ -47,6 +51,7 @@ pub const PASSES: [(&str, &[&str]); 7] = [
             "light.wgsl",
             "leaf.wgsl",
             "shadow/shadow.wgsl",
+            "instance.wgsl",
             "grass/grass.wgsl",
             "grass/light.wgsl",
         ],

@@ -4,22 +4,6 @@
 // Reads the level's list, the instances, the shapes of this library and the one before, and simulated knots.
 // Source: Fan & Sheng §4.5.
 
-struct Instance {
-    root_in_world: vec3f,
-    first_knot: u32,
-    bend_rad: vec2f,
-    scale: f32,
-    widen: f32,
-    morph: f32,
-    shape_turn_scale_mirror: u32,
-    lean_hue: u32,
-    salt: u32,
-    lush: f32,
-    sunlight: f32,
-    simulated: i32,
-    stands_for: f32,
-}
-
 struct ShapeKnot {
     position: vec3f,
     along: f32,
