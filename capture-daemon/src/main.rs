@@ -61,7 +61,13 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
             let (messages, images) = (recovered.messages, recovered.images);
             Ok(print(&format!("{}: {messages} messages, {images} of them images\n", args.out.display()))?)
         }
-        Verb::CheckConfig(args) => load(args).map(drop),
+        Verb::CheckConfig(args) => {
+            let (_, warnings) = config::check(args.config.as_deref(), &args.sets)?;
+            for warning in warnings {
+                tracing::warn!("{warning}");
+            }
+            Ok(())
+        }
         Verb::Status(args) => client::status(args),
         Verb::Preview(args) => client::preview(args),
         Verb::Doctor(args) => doctor::doctor(args),

@@ -48,7 +48,7 @@ fn each_verb_does_what_it_says_and_says_why_when_it_cannot() {
     let status = client(&["status"]);
     assert_eq!(status.code, Some(0), "{status:?}");
     assert!(
-        status.stdout.contains("library   1 blades") && status.stdout.contains("store     ok"),
+        status.stdout.contains("library   1 blade,") && status.stdout.contains("store     ok"),
         "{status:?}"
     );
     let status: Value = serde_json::from_str(&client(&["status", "--json"]).stdout).expect("JSON");
@@ -224,6 +224,19 @@ fn what_is_wrong_with_a_call_is_said_and_the_connection_goes_on() {
     assert_eq!(listed["parameters"]["blades"][0]["mix"], json!(7.0));
 }
 
+#[test]
+fn what_is_no_message_is_answered_and_the_connection_closed() {
+    let daemon = with_fern(&[]);
+    for nonsense in [&b"GET / HTTP/1.1\r\n\r\n"[..], b"[1, 2]", b"", b"\xff\xfe", b"{\"method\":"] {
+        let mut station = daemon.connect();
+        station.send(nonsense).expect("it reads");
+        let answer = station.reply().expect("it answers").0;
+        assert_eq!(answer["error"], "io.sward.Station.NotAMessage", "{answer}");
+        assert!(station.reply().is_err(), "it hangs up");
+    }
+    assert_eq!(daemon.connect().status()["store"], "ok");
+}
+
 /// Reads what the station answers, until it has nothing more to say or waits for a library.
 fn hear_out(mut stream: UnixStream) {
     stream.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket has a timeout");
@@ -392,7 +405,7 @@ fn a_hundred_readers_are_served_and_more_than_the_limit_are_turned_away() {
     let served = more.iter_mut().map(ask).filter(|served| *served).count();
     assert!((8..=10).contains(&served), "{served} of 20 on top of 100, where 110 may be");
     // Places that were left a moment ago are free only now.
-    std::thread::sleep(std::time::Duration::from_millis(500));
+    std::thread::sleep(Duration::from_millis(500));
     more.extend((0..3).map(|_| daemon.connect()));
     // Who finds no place is told so, whether it asks first or reads first, and a flood of such costs nothing.
     let full = json!({"error": "io.sward.Station.TooManyConnections", "parameters": {"limit": 110}});
