@@ -56,7 +56,7 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
             if let Some(first) = recovered.damage.first() {
                 let places = recovered.damaged_places;
                 let path = args.recording.display();
-                tracing::warn!(places, "{path} is cut short or damaged: {first}; what is whole is rewritten");
+                tracing::warn!(places, "{path}: {first}; what is whole is rewritten");
             }
             let (messages, images) = (recovered.messages, recovered.images);
             Ok(print(&format!("{}: {messages} messages, {images} of them images\n", args.out.display()))?)

@@ -81,9 +81,10 @@ fn unwritable(error: &io::Error) -> (&'static str, &'static str) {
         ErrorKind::QuotaExceeded => {
             ("the user's share of the disk is used up", "make room, raise the quota, or set store.directory")
         }
-        ErrorKind::ReadOnlyFilesystem => {
-            ("the disk is read-only", "remount it (its log says why), or set store.directory to another one")
-        }
+        ErrorKind::ReadOnlyFilesystem => (
+            "the disk is read-only",
+            "remount it (the system's log says why), or set store.directory to another one",
+        ),
         ErrorKind::PermissionDenied => (
             "this user may not write to it",
             "run this as the station's user, mend its owner and mode, or set store.directory",
