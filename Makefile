@@ -20,7 +20,7 @@ help:
 	@echo 'make bench  times of the stages beside OpenCV, and the memory of a long replay'
 	@echo 'make figures   latency from frame to picture, publishing, processor time and start, as a table (6 min);'
 	@echo '            ONLY="latency publish cpu start" measures some of it'
-	@echo 'make soak   what takes hours in place of seconds: PUBLISHES=100000 in flat memory, KILLS=1000 of the daemon'
+	@echo 'make soak   what takes long in place of seconds: PUBLISHES=100000 in flat memory, KILLS=1000 of the daemon'
 
 demo:
 	@.ci/demo $(RECORDING)

@@ -70,7 +70,9 @@ pub enum Verb {
     Recover(RecoverArgs),
     /// Check a configuration
     ///
-    /// Says nothing if it is valid, else what is wrong with file, line and column, and what was expected.
+    /// Says nothing if it is valid, else what is wrong with file, line and column, and what was expected. Warns of users
+    /// and groups in `service.watch` and `service.change` that this machine does not know: where the station is to
+    /// run they may be known.
     ///
     /// Exit code 0: it is valid; 2: it is not.
     ///
@@ -197,7 +199,7 @@ pub enum BladesVerb {
         /// Name that the blade had
         name: String,
         /// How many blades to go back, 1 to 100, as `show` counts them
-        #[arg(long, value_name = "N", default_value_t = 1, value_parser = back)]
+        #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = back)]
         back: i64,
         /// Which station.
         #[command(flatten)]
@@ -223,8 +225,10 @@ pub enum BladesVerb {
     /// Where one of several is refused, the others are put there nevertheless.
     ///
     /// Each closed path of a drawing is a blade, upright with its root at the bottom; an open path inside
-    /// whose id begins with `midrib` is its midrib. A blade takes the name of its path, or of the group around
-    /// it; one of that name is replaced, and `restore` goes back to it.
+    /// whose id begins with `midrib` is its midrib. A blade is called, in this order, by an id that somebody gave its
+    /// path, by the path's `inkscape:label`, by its `<title>`, by an id that a drawing program made up (`path846`), by
+    /// the group around it; the second of a name in one drawing gets `-2` behind it. A blade that has the name
+    /// already is replaced, and `restore` goes back to it.
     ///
     /// Example: sward-capture blades import fern.svg --length-mm 180
     Import {
@@ -234,7 +238,7 @@ pub enum BladesVerb {
         #[arg(long)]
         name: Option<String>,
         /// Length of each midrib, millimetres, 1 to 10000 [default: as drawn]
-        #[arg(long, value_name = "MM", value_parser = length_mm)]
+        #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = length_mm)]
         length_mm: Option<f32>,
         /// Which station.
         #[command(flatten)]
@@ -344,7 +348,7 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "DIR")]
     pub explain: Option<PathBuf>,
     /// Speed in times real time, above 0, 1000 at most [default: as fast as the stages are]
-    #[arg(long, value_name = "R", conflicts_with = "realtime", value_parser = rate)]
+    #[arg(long, value_name = "R", conflicts_with = "realtime", allow_negative_numbers = true, value_parser = rate)]
     pub rate: Option<f64>,
     /// The same as --rate 1
     #[arg(long)]

@@ -11,7 +11,7 @@ use common::blade::MAX_MIX;
 use common::protocol::{
     Blade, EarlierBlade, ListBladesReply, ListHistoryReply, RefusedFile, ReloadReply, StationError, Status,
 };
-use common::sentence::{print, print_on};
+use common::sentence::{counted, print, print_on};
 use common::station::StationProxy;
 use serde::Serialize;
 
@@ -390,8 +390,10 @@ fn status_line(status: &Status, before: Option<&Status>) -> String {
     };
     let dropped = since(|status| status.dropped_frames);
     let skipped = since(|status| status.skipped_frames);
+    let [frames, captures, blades] = [(frames, "frame"), (captures, "capture"), (blades, "blade")]
+        .map(|(number, noun)| counted(number.cast_unsigned(), noun));
     format!(
-        "{state:8}  {frames_per_second:6.1} frames/s  {frames} frames  {dropped} dropped  {skipped} skipped  {captures} captures  {blades} blades  store {store}\n"
+        "{state:8}  {frames_per_second:6.1} frames/s  {frames}  {dropped} dropped  {skipped} skipped  {captures}  {blades}  store {store}\n"
     )
 }
 
@@ -403,20 +405,28 @@ fn status_page(status: &Status) -> String {
         0 => String::new(),
         repeats => format!(", and {repeats} of blades that were all captured before"),
     };
+    let held = counted(blades.cast_unsigned(), "blade");
     let mut text = format!(
         "state     {state}\nsource    {source}\nframes    {frames} seen, {frames_per_second:.1} a second\n\
          dropped   {dropped_frames} frames, which came faster than the stages are\n\
          skipped   {skipped_frames} frames, which could not be read or used\n\
-         captures  {captures}{repeated}\nlibrary   {blades} blades, generation {generation}\nstore     {store}\n"
+         captures  {captures}{repeated}\nlibrary   {held}, generation {generation}\nstore     {store}\n"
     );
     if *waiting > 0 {
-        text += &format!("waiting   {waiting} captured blades, for room on the disk\n");
+        text += &format!(
+            "waiting   {}, for room on the disk\n",
+            counted(waiting.cast_unsigned(), "captured blade")
+        );
     }
     if *lost > 0 {
-        text += &format!("lost      {lost} captured blades that found no room\n");
+        text +=
+            &format!("lost      {} that found no room\n", counted(lost.cast_unsigned(), "captured blade"));
     }
     if *refused_files > 0 {
-        text += &format!("refused   {refused_files} files; sward-capture blades list names them\n");
+        text += &format!(
+            "refused   {}; sward-capture blades list says why\n",
+            counted(refused_files.cast_unsigned(), "file")
+        );
     }
     text + &format!("clients   {clients}\nconfig    {config}\nversion   {version}\n")
 }

@@ -2,6 +2,7 @@
 //! take another configuration, and end.
 
 use std::os::unix::net::UnixListener;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
@@ -9,6 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
 use common::protocol::{ReloadReply, StationError, Status};
+use common::sentence::counted;
 use sd_notify::NotifyState;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
@@ -224,11 +226,25 @@ async fn listen(passed: Option<UnixListener>, config: &Config) -> anyhow::Result
 }
 
 async fn open_store(config: &Config) -> anyhow::Result<Store> {
-    let folder = config.store.folder(std::env::var("STATE_DIRECTORY").ok().as_deref());
+    let systemds = std::env::var("STATE_DIRECTORY").ok();
+    let folder = config.store.folder(systemds.as_deref());
+    make_way_to(&folder, systemds.as_deref());
     let archive_max = config.store.archive_max;
     let now_us = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_micros() as u64);
     let opened = tokio::task::spawn_blocking(move || Store::open(&folder, now_us, archive_max)).await;
     Ok(opened.context("the store cannot be opened")??)
+}
+
+/// Within the folders that systemd gave us for our state (`given`: `$STATE_DIRECTORY`), those around the store's own are
+/// made as well; elsewhere the store makes its own folder alone.
+fn make_way_to(folder: &Path, given: Option<&str>) {
+    let is_ours = given.unwrap_or_default().split(':').any(|own| !own.is_empty() && folder.starts_with(own));
+    if let Some(around) = folder.parent().filter(|_| is_ours)
+        && let Err(error) = std::fs::create_dir_all(around)
+    {
+        // The store says what comes of it.
+        tracing::debug!(%error, "the folders around the store cannot be made");
+    }
 }
 
 fn access_of(config: &Config) -> Arc<Access> {
@@ -238,8 +254,13 @@ fn access_of(config: &Config) -> Arc<Access> {
 /// Status as systemd shows it.
 fn line(status: &Status) -> String {
     let Status { state, blades, captures, frames_per_second, store, .. } = status;
+    let counts = format!(
+        "{}, {}",
+        counted(blades.cast_unsigned(), "blade"),
+        counted(captures.cast_unsigned(), "capture")
+    );
     let trouble = if store == "ok" { String::new() } else { format!("; the store is in trouble: {store}") };
-    format!("{state}; {blades} blades, {captures} captures, {frames_per_second} frames a second{trouble}")
+    format!("{state}; {counts}, {frames_per_second} frames a second{trouble}")
 }
 
 fn tell_systemd(states: &[NotifyState<'_>]) {

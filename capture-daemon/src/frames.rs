@@ -15,6 +15,7 @@ use crate::keeper::{Holdings, Job, Outcome};
 use crate::preview::{Look, Previewer};
 use crate::recording::{self, OpenError};
 use crate::recurring::Recurring;
+use crate::region::RegionWatch;
 use crate::session::{Capture, Session, SessionParams};
 use crate::source::{FrameSource, SourceError};
 use crate::stages::blade::CapturedBlade;
@@ -105,6 +106,7 @@ pub(crate) struct Frames {
     rate: Rate,
     dropped: Recurring,
     skipped: Recurring,
+    region: RegionWatch,
 }
 
 impl Frames {
@@ -137,6 +139,7 @@ impl Frames {
             rate: Rate { since: Instant::now(), frames: 0 },
             dropped: Recurring::default(),
             skipped: Recurring::default(),
+            region: RegionWatch::default(),
         }
     }
 
@@ -206,6 +209,10 @@ impl Frames {
             self.count_dropped(feed.take_dropped());
             match given {
                 Ok(Ok(frame)) => {
+                    let region = self.params.pipeline.mask.roi;
+                    if let Some(warning) = self.region.warning(region, [frame.width, frame.height]) {
+                        tracing::warn!("{warning}");
+                    }
                     let capture = self.session.push(&frame).map(Arc::new);
                     let is_known = capture.as_ref().is_some_and(|capture| self.is_known(capture));
                     if let Some(capture) = &capture {

@@ -19,6 +19,7 @@ pub mod pipeline;
 pub mod preview;
 pub mod recording;
 mod recurring;
+mod region;
 pub mod replay;
 mod service;
 pub mod session;

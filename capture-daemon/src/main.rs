@@ -56,12 +56,18 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
             if let Some(first) = recovered.damage.first() {
                 let places = recovered.damaged_places;
                 let path = args.recording.display();
-                tracing::warn!(places, "{path} is cut short or damaged: {first}; what is whole is rewritten");
+                tracing::warn!(places, "{path}: {first}; what is whole is rewritten");
             }
             let (messages, images) = (recovered.messages, recovered.images);
             Ok(print(&format!("{}: {messages} messages, {images} of them images\n", args.out.display()))?)
         }
-        Verb::CheckConfig(args) => load(args).map(drop),
+        Verb::CheckConfig(args) => {
+            let (_, warnings) = config::check(args.config.as_deref(), &args.sets)?;
+            for warning in warnings {
+                tracing::warn!("{warning}");
+            }
+            Ok(())
+        }
         Verb::Status(args) => client::status(args),
         Verb::Preview(args) => client::preview(args),
         Verb::Doctor(args) => doctor::doctor(args),

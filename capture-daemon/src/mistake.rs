@@ -1,6 +1,8 @@
 //! What is wrong with a TOML text, in the language of whoever wrote it: keys by their whole path, values as TOML
 //! has them, and what is expected as the documented text shows it.
 
+use std::path::Path;
+
 use toml::de::{DeTable, DeValue};
 
 /// Longest part of a text that is said again, characters.
@@ -66,12 +68,30 @@ pub(crate) fn place_of(key: &str, text: &str) -> Option<std::ops::Range<usize>> 
     None
 }
 
+/// Where a document says `item` in the list of texts that `key` is, if it does: its bytes.
+pub(crate) fn place_of_item(key: &str, item: &str, text: &str) -> Option<std::ops::Range<usize>> {
+    let document = DeTable::parse(text).ok()?;
+    let start = place_of(key, text)?.start;
+    let (_, list) = value_at(document.get_ref(), start)?;
+    let DeValue::Array(items) = list else { return None };
+    let is_meant = |value: &&toml::Spanned<DeValue<'_>>| matches!(value.get_ref(), DeValue::String(text) if text == item);
+    items.iter().find(is_meant).map(toml::Spanned::span)
+}
+
 /// As much of a text as an error may say again.
 pub(crate) fn echo(text: &str) -> String {
     let mut chars = text.chars();
     let begin: String = chars.by_ref().take(MAX_ECHO_CHARS).collect();
     let begin = begin.split_whitespace().collect::<Vec<_>>().join(" ");
     if chars.next().is_some() { format!("{begin}...") } else { begin }
+}
+
+/// A path on one line, whatever characters it has.
+pub(crate) fn one_line(path: &Path) -> String {
+    let text = path.display().to_string();
+    text.chars()
+        .map(|c| if c.is_control() { c.escape_default().to_string() } else { c.to_string() })
+        .collect()
 }
 
 fn path(steps: &[Step]) -> String {

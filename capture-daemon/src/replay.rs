@@ -6,12 +6,14 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use common::blade::Blade;
 use common::library::{encode, layout::MAX_BLADES, library_hash};
+use common::sentence::counted;
 use serde_json::{Value, json};
 
 use crate::cli::ReplayArgs;
 use crate::config::Config;
 use crate::explain;
 use crate::recording;
+use crate::region::RegionWatch;
 use crate::session::{Capture, Session};
 use crate::source::{FrameSource, SourceError};
 use crate::stages::blade::{CapturedBlade, Refusal};
@@ -77,6 +79,8 @@ fn play(
     let mut pace = args.rate.or(args.realtime.then_some(1.0)).map(Pace::new);
     let mut blades: Vec<Blade> = Vec::new();
     let (mut captures, mut skipped) = (0, 0);
+    let mut first_skipped = String::new();
+    let mut region = RegionWatch::default();
     loop {
         let frame = match source.next_frame() {
             Ok(frame) => frame,
@@ -84,6 +88,9 @@ fn play(
             Err(SourceError::BadFrame(reason)) => {
                 tracing::debug!(reason, "a frame was skipped");
                 skipped += 1;
+                if skipped == 1 {
+                    first_skipped = reason;
+                }
                 continue;
             }
             Err(SourceError::Failed(reason)) => {
@@ -93,6 +100,9 @@ fn play(
         };
         if let Some(pace) = &mut pace {
             std::thread::sleep(pace.wait(frame.timestamp_ns));
+        }
+        if let Some(warning) = region.warning(config.mask.roi, [frame.width, frame.height]) {
+            tracing::warn!("{warning}");
         }
         let Some(capture) = session.push(&frame) else { continue };
         captures += u32::from(!capture.steps.blades.is_empty());
@@ -105,7 +115,7 @@ fn play(
         blades.extend(capture.steps.blades.into_iter().map(|captured| captured.blade));
     }
     if skipped > 0 {
-        tracing::warn!(skipped, "frames were skipped");
+        tracing::warn!(skipped, first = first_skipped, "frames were skipped: they cannot be read or used");
     }
     let kept = &blades[blades.len().saturating_sub(MAX_BLADES)..];
     let library = encode(0, kept).context("the library cannot be written")?;
@@ -166,10 +176,13 @@ impl<W: Write> Output<W> {
                 "library_hash": hash, "skipped_frames": skipped,
             }))?;
         } else {
-            writeln!(
-                self.to,
-                "{frames} frames, {captures} captures, {blades} blades, {skipped} frames skipped"
-            )?;
+            let counts = [
+                counted(frames, "frame"),
+                counted(captures.into(), "capture"),
+                counted(blades as u64, "blade"),
+                format!("{} skipped", counted(skipped, "frame")),
+            ];
+            writeln!(self.to, "{}", counts.join(", "))?;
             self.to.flush()?;
         }
         Ok(())

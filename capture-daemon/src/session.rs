@@ -58,8 +58,8 @@ impl Session {
             self.state = State::Waiting;
         }
         let seen = presence::presence(frame, mask);
-        let (state, effect) = match station::step(self.state, seen, frame.timestamp_ns, &self.params.station)
-        {
+        let station = self.params.station.of_camera(frame.camera.fx);
+        let (state, effect) = match station::step(self.state, seen, frame.timestamp_ns, &station) {
             (State::Settling { .. }, Effect::Add) if self.is_due => (State::Captured, Effect::AddAndCapture),
             other => other,
         };

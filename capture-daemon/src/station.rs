@@ -8,10 +8,21 @@ use crate::stages::presence::Presence;
 pub struct StationParams {
     /// How long something must stand still, seconds; 0 captures from the first frame that shows it.
     pub hold_s: f64,
-    /// How far its centroid may move meanwhile, pixels.
+    /// How far its centroid may move meanwhile, pixels of a camera with a focal length of [`FOCAL_PX`].
     pub still_px: f64,
     /// Less than this many pixels are nothing.
     pub min_area_px: usize,
+}
+
+/// Focal length for which [`StationParams::still_px`] is given, pixels.
+pub const FOCAL_PX: f64 = 570.0;
+
+impl StationParams {
+    /// The same for a camera with another focal length, pixels. A longer one shows the tremor of a hand in more pixels,
+    /// and is allowed as many more; with a shorter one nothing changes, since what remains is not the hand's.
+    pub fn of_camera(&self, focal_px: f64) -> Self {
+        Self { still_px: self.still_px * (focal_px / FOCAL_PX).max(1.0), ..*self }
+    }
 }
 
 impl Default for StationParams {
@@ -174,5 +185,11 @@ mod tests {
         let (state, effect) = step(state, seen, 1_000_000_000, &params);
         assert_eq!(state, State::Settling { since_ns: 1_000_000_000, first: seen });
         assert_eq!(effect, Effect::Restart);
+    }
+
+    #[test]
+    fn a_longer_lens_may_see_as_much_more_of_a_tremor() {
+        let of = |focal_px| StationParams::default().of_camera(focal_px).still_px;
+        assert_eq!([285.0, 570.0, 1140.0].map(of), [4.0, 4.0, 8.0]);
     }
 }

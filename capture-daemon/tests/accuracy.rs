@@ -25,6 +25,19 @@ fn single_blades_are_found() {
     check(Family::Single);
 }
 
+/// A hand's tremor is twice as many pixels there.
+#[test]
+fn held_blades_are_found_by_a_camera_of_1280_by_720() {
+    let clip = ClipParams { width: 1280, height: 720, frames: 60, ..ClipParams::default() };
+    let measured =
+        |seed| measure(Family::Held, seed, clip, &SessionParams::default()).expect("valid parameters");
+    // These two move farther than 4 px while they are held.
+    let summary = Summary::of(&(9_004..9_006).map(measured).collect::<Vec<_>>());
+    println!("{summary}");
+    assert!(summary.inexact.is_empty(), "{summary}");
+    assert!(summary.median.length < 0.02, "{summary}");
+}
+
 #[test]
 fn blades_of_rows_are_found() {
     check(Family::Row);

@@ -250,6 +250,64 @@ fn replay_warns_once_of_a_recording_that_is_cut() {
 }
 
 #[test]
+fn of_a_file_that_is_cut_before_its_first_image_every_verb_says_so() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let lengths: [Cut; 4] = [
+        |_, _| 8,
+        |_, _| 20,
+        |_, chunks| chunks[0].0 + 5,
+        // Topics and intrinsics are there.
+        |_, chunks| chunks[0].0 + 9 + 40 + 700,
+    ];
+    for len in lengths {
+        let path = cut(folder.path(), len);
+        let out = folder.path().join("out.mcap");
+        for verb in
+            [&["info", text(&path)][..], &["replay", text(&path)], &["recover", text(&path), text(&out)]]
+        {
+            let output = sward_capture(verb);
+            let said = lines(&output.stderr).join("\n");
+            assert_eq!(output.status.code(), Some(3), "{said}");
+            for expected in ["not one frame can be read", "cut short", "before its first image"] {
+                assert!(
+                    said.contains(expected),
+                    "{verb:?} of {} bytes: {said}",
+                    fs::metadata(&path).expect("there").len()
+                );
+            }
+        }
+        assert!(!out.exists());
+    }
+}
+
+#[test]
+fn of_frames_that_are_skipped_the_first_is_named_with_its_reason() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pictures = synth::write(folder.path(), &clip(), Format::Png, 0).expect("written");
+    fs::write(pictures.join("a_note.png"), "no picture").expect("written");
+    fs::write(pictures.join("b_note.png"), "none either").expect("written");
+    let output = sward_capture(&["replay", text(&pictures)]);
+    let warnings = lines(&output.stderr);
+    assert_eq!((output.status.code(), warnings.len()), (Some(0), 1), "{warnings:?}");
+    assert!(warnings[0].contains("skipped=2") && warnings[0].contains("a_note.png"), "{warnings:?}");
+    assert!(warnings[0].contains("not a whole PNG"), "{warnings:?}");
+    let last = lines(&output.stdout).pop().expect("a line");
+    assert!(last.starts_with("40 frames, ") && last.ends_with(", 2 frames skipped"), "{last}");
+}
+
+#[test]
+fn a_region_beyond_the_images_is_told_of_with_their_size() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = synth::write(folder.path(), &clip(), Format::Mcap, 0).expect("written");
+    let output = sward_capture(&["replay", text(&path), "--set", "mask.roi=[60, 90, 380, 325]"]);
+    let warnings = lines(&output.stderr);
+    assert_eq!((output.status.code(), warnings.len()), (Some(0), 1), "{warnings:?}");
+    for expected in ["48x36", "mask.roi = [60, 90, 380, 325]", "nothing is seen"] {
+        assert!(warnings[0].contains(expected), "{warnings:?}");
+    }
+}
+
+#[test]
 fn recover_rewrites_a_cut_recording_and_never_overwrites() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = cut(folder.path(), |_, chunks| chunks[2].0 + chunks[2].1 / 2);

@@ -8,7 +8,7 @@ use capture_daemon::frame::DepthFrame;
 use capture_daemon::recording::{self, McapWriter, OpenOptions, RecordingParams};
 use capture_daemon::source::synthetic::SyntheticSource;
 use capture_daemon::source::{FrameSource, SourceError};
-use capture_daemon::synth::{Clip, ClipParams, FAMILIES, Family, Scene, Truth, TruthVisit};
+use capture_daemon::synth::{self, Clip, ClipParams, FAMILIES, Family, Format, Scene, Truth, TruthVisit};
 
 fn clip(family: Family, seed: u64, params: ClipParams) -> Clip {
     Clip::new(Scene::new(family, seed), params).expect("the parameters are in range")
@@ -300,6 +300,28 @@ fn shipped_recordings_are_what_their_truth_makes() {
         seen += 1;
     }
     assert!(seen >= 10, "{seen} recordings");
+}
+
+#[test]
+fn both_forms_of_a_clip_share_its_truth_and_another_clip_does_not_take_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let of =
+        |noise| clip(Family::Single, 1, ClipParams { width: 48, height: 36, frames: 4, noise, fps: 30.0 });
+    let write = |noise, format| synth::write(folder.path(), &of(noise), format, 0);
+    let truth = || std::fs::read_to_string(folder.path().join("single-1.truth.json")).expect("a truth");
+    write(1.0, Format::Mcap).expect("written");
+    let before = truth();
+    write(1.0, Format::Png).expect("the same clip");
+    assert_eq!(truth(), before);
+    // Neither may leave the other without its truth.
+    for format in [Format::Mcap, Format::Png] {
+        let refused = write(0.0, format).expect_err("another clip").to_string();
+        assert!(refused.contains("single-1.truth.json") && refused.contains("another --out"), "{refused}");
+    }
+    assert_eq!(truth(), before);
+    std::fs::remove_dir_all(folder.path().join("single-1")).expect("there");
+    write(0.0, Format::Mcap).expect("nobody else has that truth");
+    assert_ne!(truth(), before);
 }
 
 /// What `make recordings` makes is what lies there.

@@ -277,6 +277,8 @@ pub enum StationError {
         /// How many this user may have.
         limit: i64,
     },
+    /// The message was no JSON object; the connection is closed.
+    NotAMessage,
     /// The message was too long to be read; the connection is closed.
     MessageTooLong {
         /// Longest message, bytes.
@@ -327,6 +329,7 @@ impl std::fmt::Display for StationError {
                 f,
                 "the station has as many connections as it may, {limit} for this user; close some, or raise service.max_connections and start it anew"
             ),
+            Self::NotAMessage => f.write_str("the message is no JSON object, expected a call of varlink"),
             Self::MessageTooLong { limit } => {
                 write!(f, "the message is too long for the station, expected {limit} bytes at most")
             }

@@ -34,6 +34,11 @@ pub fn of_causes<'a>(chain: impl Iterator<Item = &'a (dyn Error + 'static)>) -> 
     format!("{}.", sentence.trim_end_matches('.'))
 }
 
+/// So many of something: "1 blade", "2 blades"; of nouns whose plural only adds an s.
+pub fn counted(number: u64, noun: &str) -> String {
+    if number == 1 { format!("1 {noun}") } else { format!("{number} {noun}s") }
+}
+
 /// Says on stderr what is wrong; where that is closed too, the exit code has to do.
 pub fn complain(program: &str, sentence: &str) {
     let _closed = writeln!(io::stderr(), "{program}: {sentence}");
@@ -73,6 +78,11 @@ mod tests {
         let number =
             "error: invalid value 'x' for '<N>': invalid digit found in string\n\nFor more information\n";
         assert_eq!(of_paragraphs(number), "invalid value 'x' for '<N>': expected a whole number");
+    }
+
+    #[test]
+    fn one_is_no_plural() {
+        assert_eq!([0, 1, 2].map(|number| counted(number, "blade")), ["0 blades", "1 blade", "2 blades"]);
     }
 
     #[test]

@@ -68,6 +68,19 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
     done(&["import", &file("moss.toml"), "--name", "lichen"]);
     assert!((width_mm("lichen") - width_mm("fern")).abs() < 1e-6);
 
+    // Two paths of one id, and two that are called as Inkscape does.
+    let pair = drawing("reed", 5.0).replace(
+        "</svg>",
+        "<path id='reed' d='M80 110 L 84 60 L 80 10 L 76 60 Z'/>\
+         <path id='path846' xmlns:inkscape='http://www.inkscape.org/namespaces/inkscape' inkscape:label='sedge' \
+         d='M20 110 L 24 60 L 20 10 L 16 60 Z'/></svg>",
+    );
+    fs::write(file("pair.svg"), pair).expect("room");
+    done(&["import", &file("pair.svg")]);
+    assert!((width_mm("reed") - 7.5).abs() < 0.2, "{} mm", width_mm("reed"));
+    assert!((width_mm("reed-2") - 8.0).abs() < 0.2, "{} mm", width_mm("reed-2"));
+    assert!((width_mm("sedge") - 8.0).abs() < 0.2, "{} mm", width_mm("sedge"));
+
     // Of several blades, those that are none do not keep out the others.
     let several =
         drawing("a", 5.0).replace("</svg>", "<path id='.' d='M80 110 L 84 60 L 80 10 L 76 60 Z'/></svg>");
@@ -88,6 +101,9 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
 
     fs::write(file("text.svg"), "<svg xmlns='http://www.w3.org/2000/svg'><text>no</text></svg>")
         .expect("room");
+    let eight = "<svg xmlns='http://www.w3.org/2000/svg' width='100mm' height='120mm' viewBox='0 0 100 120'>\
+                 <path id='eight' d='M40 110 L 60 10 L 40 10 L 60 110 Z'/></svg>";
+    fs::write(file("eight.svg"), eight).expect("room");
     fs::write(file("bad.toml"), "format = 1\nknots = 7\n").expect("room");
     for (arguments, code, words) in [
         (vec!["import", "/nowhere.svg"], 2, "/nowhere.svg"),
@@ -96,6 +112,7 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
         (vec!["export", "/nowhere/fern.svg"], 1, "/nowhere/fern.svg"),
         (vec!["export", &file("out.svg"), "heather"], 1, "heather"),
         (vec!["import", &file("text.svg")], 2, "closed path"),
+        (vec!["import", &file("eight.svg")], 2, "path \"eight\": its outline crosses itself"),
         (vec!["import", &file("bad.toml")], 1, "bad:2"),
         (vec!["import", &file("long.toml")], 2, "expected 65536 at most; take comments"),
         (vec!["import", &file("fern.svg"), "--name", "a/b"], 2, "slash"),

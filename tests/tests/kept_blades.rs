@@ -332,6 +332,48 @@ fn a_full_disk_loses_no_blade_and_what_waits_is_kept_when_there_is_room() {
 }
 
 #[test]
+fn of_a_full_disk_it_is_said_once_however_many_blades_wait() {
+    let Some(mut daemon) = on_a_disk_of_its_own("mount -t tmpfs -o size=256k tmpfs state") else { return };
+    let filler = state_inside(&mut daemon).join("filler");
+    fs::write(&filler, vec![0; 1 << 20]).expect_err("it is small");
+    let mut station = daemon.connect();
+    assert_eq!(capture(&mut station)["error"], "io.sward.Station.StoreTrouble");
+    let status = station.status();
+    assert!(status["waiting"].as_u64() >= Some(2), "{status}");
+    // Each of them is tried again some times meanwhile.
+    std::thread::sleep(Duration::from_secs(3));
+    assert_eq!(station.status()["waiting"], status["waiting"], "none is lost");
+    fs::remove_file(&filler).expect("it is there");
+    wait_for(DEADLINE, || (station.status()["store"] == "ok").then_some(())).expect("it goes on by itself");
+    assert_eq!(station.status()["waiting"], json!(0));
+    let (_, finished) = daemon.end();
+    assert_eq!(finished.stderr.matches("the store cannot be written").count(), 1, "{}", finished.stderr);
+    assert_eq!(finished.stderr.matches("the store can be written again").count(), 1, "{}", finished.stderr);
+}
+
+#[test]
+fn a_store_is_made_where_the_folder_around_it_is_there_or_systemds() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let nowhere = folder.path().join("nowhere");
+    let settings = [&by_hand()[..], &[("store.directory", format!("{:?}", nowhere.join("state")))]].concat();
+    let daemon = Daemon::start_in(folder, &settings);
+    let mut station = daemon.connect();
+    let store = station.status()["store"].as_str().unwrap_or_default().to_owned();
+    assert!(store.contains("nowhere") && store.contains("mount its disk"), "{store}");
+    assert!(!nowhere.exists(), "a path that was mistyped is not made");
+    fs::create_dir(&nowhere).expect("room");
+    wait_for(DEADLINE, || (station.status()["store"] == "ok").then_some(())).expect("it goes on by itself");
+    assert!(nowhere.join("state/blades").is_dir());
+    let (folder, _) = daemon.end();
+
+    fs::remove_dir_all(&nowhere).expect("it is there");
+    let mut command = Daemon::command(folder.path(), &settings);
+    command.env("STATE_DIRECTORY", &nowhere);
+    let daemon = Daemon::start_command(folder, command);
+    assert_eq!(daemon.connect().status()["store"], "ok");
+}
+
+#[test]
 fn a_disk_that_is_read_only_is_served_and_written_again_when_it_can_be() {
     let seeded = format!(
         "mount -t tmpfs -o size=1m tmpfs state && mkdir state/blades && printf '{}' > state/blades/fern.toml && mount -o remount,ro state",

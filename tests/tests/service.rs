@@ -48,7 +48,7 @@ fn each_verb_does_what_it_says_and_says_why_when_it_cannot() {
     let status = client(&["status"]);
     assert_eq!(status.code, Some(0), "{status:?}");
     assert!(
-        status.stdout.contains("library   1 blades") && status.stdout.contains("store     ok"),
+        status.stdout.contains("library   1 blade,") && status.stdout.contains("store     ok"),
         "{status:?}"
     );
     let status: Value = serde_json::from_str(&client(&["status", "--json"]).stdout).expect("JSON");
@@ -222,6 +222,19 @@ fn what_is_wrong_with_a_call_is_said_and_the_connection_goes_on() {
         .expect("it reads");
     let listed = station.call("ListBlades", &json!({})).0;
     assert_eq!(listed["parameters"]["blades"][0]["mix"], json!(7.0));
+}
+
+#[test]
+fn what_is_no_message_is_answered_and_the_connection_closed() {
+    let daemon = with_fern(&[]);
+    for nonsense in [&b"GET / HTTP/1.1\r\n\r\n"[..], b"[1, 2]", b"", b"\xff\xfe", b"{\"method\":"] {
+        let mut station = daemon.connect();
+        station.send(nonsense).expect("it reads");
+        let answer = station.reply().expect("it answers").0;
+        assert_eq!(answer["error"], "io.sward.Station.NotAMessage", "{answer}");
+        assert!(station.reply().is_err(), "it hangs up");
+    }
+    assert_eq!(daemon.connect().status()["store"], "ok");
 }
 
 /// Reads what the station answers, until it has nothing more to say or waits for a library.

@@ -1,12 +1,13 @@
 //! `blades export` and `blades import`.
 
+use std::collections::HashSet;
 use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
-use common::blade::Blade;
+use common::blade::{Blade, MAX_NAME_BYTES};
 use common::protocol::{MAX_MESSAGE_BYTES, StationError};
 use common::station::{self, StationProxy};
 use serde_json::json;
@@ -105,15 +106,17 @@ pub(super) fn import(
         let length_m = length_mm.map(|mm| mm * 1e-3);
         let params = ImportParams { length_m, unix_ns, ..ImportParams::default() };
         let drawn = svg_import::read(&text, &params).map_err(|error| bad(error.to_string()))?;
-        let file_of = |blade: Blade| (fit_for_a_file(blade.name()), record(blade, &shown).to_toml());
-        drawn.into_iter().map(file_of).collect()
+        let names = distinct(drawn.iter().map(|blade| fit_for_a_file(blade.name())).collect());
+        let file_of = |(name, blade): (String, Blade)| (name, record(blade, &shown).to_toml());
+        names.into_iter().zip(drawn).map(file_of).collect()
     } else if length_mm.is_some() {
         return Err(bad("a blade's own file has its length; --length-mm is for drawings".into()).into());
     } else {
         let text = String::from_utf8(text).map_err(|_| {
             bad("it is not UTF-8; expected the file of a blade, as the store has them".into())
         })?;
-        let stem = file.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
+        let stem = file.file_stem().and_then(|stem| stem.to_str()).or(name);
+        let stem = stem.ok_or_else(|| bad("its name is not UTF-8; give the blade's with --name".into()))?;
         vec![(stem.to_owned(), text)]
     };
     if name.is_some() && blades.len() != 1 {
@@ -166,7 +169,48 @@ fn record(blade: Blade, source: &str) -> Record {
     Record { blade, pinned: false, sequence: None, measured: None, provenance }
 }
 
+/// Names of which no two are alike: the second of a name gets `-2` behind it, and so on, said in the log.
+fn distinct(names: Vec<String>) -> Vec<String> {
+    let mut taken: HashSet<String> = names.iter().cloned().collect();
+    let mut given = HashSet::new();
+    let name_of = |name: String| {
+        // Of one that is no name the station says so.
+        if name.is_empty() || given.insert(name.clone()) {
+            return name;
+        }
+        let numbered = |number: usize| {
+            let mut begin = name.clone();
+            let end = format!("-{number}");
+            while begin.len() + end.len() > MAX_NAME_BYTES {
+                begin.pop();
+            }
+            format!("{begin}{end}")
+        };
+        let other = (2..).map(numbered).find(|other| taken.insert(other.clone())).unwrap_or_default();
+        tracing::warn!(
+            "another path of the drawing is called {name:?}, too: its blade gets the name {other:?}"
+        );
+        other
+    };
+    names.into_iter().map(name_of).collect()
+}
+
 /// A path's name as that of a file.
 fn fit_for_a_file(name: &str) -> String {
     name.replace('/', "-").trim_start_matches(['.', '-']).trim().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_come_again_are_numbered_past_those_that_are_there() {
+        let names = ["fern", "fern", "moss", "fern-2", "fern"].map(str::to_owned);
+        assert_eq!(distinct(names.into()), ["fern", "fern-3", "moss", "fern-2", "fern-4"]);
+        assert_eq!(distinct(vec![String::new(), String::new()]), ["", ""]);
+        let long = "é".repeat(24);
+        let names = distinct(vec![long.clone(), long.clone()]);
+        assert_eq!((names[0].len(), names[1].as_str()), (48, format!("{}-2", "é".repeat(23)).as_str()));
+    }
 }

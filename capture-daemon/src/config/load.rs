@@ -3,6 +3,8 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use nix::unistd::{Group, User};
+
 use super::range::out_of_range;
 use super::{Config, manual};
 use crate::mistake;
@@ -36,6 +38,33 @@ const MAX_BYTES: u64 = 1 << 20;
 /// # Errors
 /// The first thing that is wrong, with file, line and column, or with the `--set` argument.
 pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError> {
+    read(file, sets).map(|(config, _)| config)
+}
+
+/// The same, and what is odd in it on this machine, with file, line and column: users and groups in `service.watch` and
+/// `service.change` that there are not. They are no errors, since the machine that it is for may have them.
+///
+/// # Errors
+/// As [`load`].
+pub fn check(file: Option<&Path>, sets: &[String]) -> Result<(Config, Vec<String>), ConfigError> {
+    let (config, documents) = read(file, sets)?;
+    let lists = [("service.watch", &config.service.watch), ("service.change", &config.service.change)];
+    let entries = lists.into_iter().flat_map(|(key, list)| list.iter().map(move |entry| (key, entry)));
+    let unknown = entries.filter(|(_, entry)| *entry != "*" && !is_known(entry)).map(|(key, entry)| {
+        // The last document that gives a key has the word.
+        let place = documents.iter().rev().find(|document| document.place_of(key).is_some());
+        let place = place.map_or_else(|| "configuration".to_owned(), |document| document.place_of_item(key, entry));
+        let kind = if entry.starts_with('@') { "group" } else { "user" };
+        format!(
+            "{place}: `{key}` names {entry:?}, and this machine has no such {kind}: nobody is meant by it here; expected \
+             \"*\", users, and groups with @ before them, by name or number"
+        )
+    });
+    let warnings = unknown.collect();
+    Ok((config, warnings))
+}
+
+fn read(file: Option<&Path>, sets: &[String]) -> Result<(Config, Vec<Document>), ConfigError> {
     let mut documents = Vec::new();
     if let Some(path) = file {
         let unreadable = |reason: std::io::Error| ConfigError::Unreadable {
@@ -80,7 +109,7 @@ pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError>
         reason: error.message().to_owned(),
     })?;
     match out_of_range(&config) {
-        None => Ok(config),
+        None => Ok((config, documents)),
         Some((key, expected)) => Err(refused(&documents, key, &expected)),
     }
 }
@@ -142,12 +171,30 @@ impl Document {
         ConfigError::Invalid { place: self.place(error.span()), reason: format!("{reason}{hint}") }
     }
 
+    /// Where an item stands in the list that `key` is; where that list begins, if it does not.
+    fn place_of_item(&self, key: &str, item: &str) -> String {
+        self.place(
+            mistake::place_of_item(key, item, &self.text).or_else(|| mistake::place_of(key, &self.text)),
+        )
+    }
+
     /// Where this document gives `key` its value, and that value as it stands there, if it does.
     fn place_of(&self, key: &str) -> Option<(String, String)> {
         let span = mistake::place_of(key, &self.text)?;
         let shown = mistake::echo(self.text.get(span.clone()).unwrap_or_default());
         Some((self.place(Some(span)), shown))
     }
+}
+
+/// Whether this machine knows a user, or a group with `@` before it, by name; a number is one always.
+pub(crate) fn is_known(entry: &str) -> bool {
+    let group = entry.strip_prefix('@');
+    let is_number = group.unwrap_or(entry).parse::<u32>().is_ok();
+    is_number
+        || match group {
+            Some(group) => Group::from_name(group).is_ok_and(|group| group.is_some()),
+            None => User::from_name(entry).is_ok_and(|user| user.is_some()),
+        }
 }
 
 fn merge(into: &mut toml::Table, from: toml::Table) {

@@ -20,7 +20,8 @@ use crate::stages::blade::AcceptParams;
 use crate::stages::mask::MaskParams;
 use crate::station::StationParams;
 
-pub use load::{ConfigError, load};
+pub(crate) use load::is_known;
+pub use load::{ConfigError, check, load};
 
 /// All keys, with their defaults. `capture-daemon.toml` documents each.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
@@ -116,7 +117,7 @@ impl Default for MaskConfig {
 pub struct CaptureConfig {
     /// How long something must stand still, seconds.
     pub hold_s: f64,
-    /// How far its centroid may move meanwhile, pixels.
+    /// How far its centroid may move meanwhile, pixels at a focal length of 570 px; as many more at a longer one.
     pub still_px: f64,
 }
 

@@ -76,6 +76,25 @@ fn errors_name_file_line_and_column() {
 }
 
 #[test]
+fn who_is_not_known_here_is_warned_of_with_line_and_column() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("c.toml");
+    let text = "[service]\nwatch = [\"*\", \"root\", \"4242\"]\nchange = [\n  \"@root\",\n  \"@no-such-group\",\n]\n";
+    std::fs::write(&path, text).expect("it is writable");
+    let warnings = |sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        super::check(Some(&path), &sets).expect("valid").1
+    };
+    let of_file = warnings(&[]);
+    assert_eq!(of_file.len(), 1, "{of_file:?}");
+    let place = format!("{}:5:3: `service.change` names \"@no-such-group\"", path.display());
+    assert!(of_file[0].starts_with(&place) && of_file[0].contains("no such group"), "{of_file:?}");
+    let of_set = warnings(&["service.change=[\"nobody-of-that-name\"]"]);
+    assert_eq!(of_set.len(), 1, "{of_set:?}");
+    assert!(of_set[0].starts_with("--set ") && of_set[0].contains("no such user"), "{of_set:?}");
+}
+
+#[test]
 fn set_wins_over_the_file() {
     let config = check("[mask]\nnear_m = 0.4\nfar_m = 0.8\n", &["mask.near_m=0.5"]).expect("valid");
     assert_eq!((config.mask.near_m, config.mask.far_m), (0.5, 0.8));

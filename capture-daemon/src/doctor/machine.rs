@@ -5,11 +5,10 @@ use std::os::fd::OwnedFd;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use common::sealed::{SealedBytes, SealedError};
-use nix::unistd::{Group, User};
 use rustix::process::{Resource, getrlimit};
 
 use super::Finding;
-use crate::config::ServiceConfig;
+use crate::config::{ServiceConfig, is_known};
 
 /// A clock that shows less was never set: this was written later.
 const EARLIEST: Duration = Duration::from_secs(1_735_689_600);
@@ -34,16 +33,6 @@ pub(super) fn names(service: &ServiceConfig) -> Vec<Finding> {
         Finding::trouble(key, "", found, expected, "mend the name, or add the user or group")
     };
     lists.map(of_list).into()
-}
-
-fn is_known(entry: &str) -> bool {
-    let name = entry.strip_prefix('@');
-    let is_number = name.unwrap_or(entry).parse::<u32>().is_ok();
-    is_number
-        || match name {
-            Some(group) => Group::from_name(group).is_ok_and(|group| group.is_some()),
-            None => User::from_name(entry).is_ok_and(|user| user.is_some()),
-        }
 }
 
 /// Whose limit of open descriptors was asked for, and what it is; `None`: there is none.

@@ -1,17 +1,20 @@
 //! The store: its folder, its disk, its blades, its archive.
 
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::path::Path;
 
 use common::library::layout::MAX_BLADES;
+use common::sentence::counted;
 use rustix::fs::statvfs;
 
 use super::Finding;
 use super::socket::owner;
+use crate::mistake::one_line;
 use crate::store::archive;
 use crate::store::file::{Signature, blade_name, text, write_atomically};
 use crate::store::record::Record;
+use crate::store::shelf;
 
 /// Room for a full library, and as much again for what is replaced, bytes.
 const MIN_BYTES: u64 = 64 << 20;
@@ -61,13 +64,32 @@ fn writable(folder: &Path) -> Finding {
         .and_then(|()| fs::remove_file(folder.join(PROBE)));
     match written {
         Ok(()) => Finding::ok(CHECK, folder.display(), "16 KiB were written, put on disk and removed"),
-        Err(error) => Finding::trouble(
-            CHECK,
-            folder.display(),
-            format!("this user cannot write to it: {error}"),
-            "a folder on a disk with room that may be written",
-            "make room or remount the disk; or run this as the station's user; or set store.directory",
+        Err(error) => {
+            let (found, remedy) = unwritable(&error);
+            let expected = "a folder on a disk with room that may be written";
+            Finding::trouble(CHECK, folder.display(), format!("{found}: {error}"), expected, remedy)
+        }
+    }
+}
+
+/// What a refused write means, and what to do.
+fn unwritable(error: &io::Error) -> (&'static str, &'static str) {
+    match error.kind() {
+        ErrorKind::StorageFull => {
+            ("the disk is full", "make room on it, or set store.directory to a larger one")
+        }
+        ErrorKind::QuotaExceeded => {
+            ("the user's share of the disk is used up", "make room, raise the quota, or set store.directory")
+        }
+        ErrorKind::ReadOnlyFilesystem => (
+            "the disk is read-only",
+            "remount it (the system's log says why), or set store.directory to another one",
         ),
+        ErrorKind::PermissionDenied => (
+            "this user may not write to it",
+            "run this as the station's user, mend its owner and mode, or set store.directory",
+        ),
+        _ => ("it cannot be written", "mend the disk, or set store.directory to another one"),
     }
 }
 
@@ -107,9 +129,14 @@ fn blades(folder: &Path, capacity: usize) -> (Vec<Finding>, Option<u64>) {
     let (mut good, mut pinned, mut newest_ns, mut refused) = (0, 0, None, Vec::new());
     for entry in entries.flatten() {
         let file = entry.file_name();
-        let file = file.to_string_lossy();
-        let Some(name) = blade_name(&file) else { continue };
+        let shown = file.to_string_lossy();
+        let Some(name) = blade_name(&shown) else { continue };
         let path = entry.path();
+        if file.to_str().is_none() {
+            let reason = format!("{}: the name of this file is not UTF-8", one_line(&path));
+            refused.push((reason, "rename it: a blade is called as its file".to_owned()));
+            continue;
+        }
         let modified_ns = Signature::of(&path).map_or(0, |seen| seen.modified_unix_ns());
         let read = text(&path).map_err(|reason| format!(": {reason}"));
         let read = read
@@ -120,14 +147,23 @@ fn blades(folder: &Path, capacity: usize) -> (Vec<Finding>, Option<u64>) {
                 pinned += usize::from(record.pinned);
                 newest_ns = newest_ns.max(Some(record.blade.captured_unix_ns()));
             }
-            Err(reason) => refused.push(format!("{}{reason}", path.display())),
+            Err(reason) => {
+                let served = if has_last_good(folder, name) {
+                    "the last good blade of that name is served meanwhile"
+                } else {
+                    "no blade of that name is served meanwhile"
+                };
+                refused.push((
+                    format!("{}{reason}", one_line(&path)),
+                    format!("mend the file or remove it; {served}"),
+                ));
+            }
         }
     }
     refused.sort();
     let mut all = vec![count(folder, good, pinned, capacity)];
     let more = refused.len().saturating_sub(MAX_NAMED);
-    for reason in refused.iter().take(MAX_NAMED) {
-        let remedy = "mend the file or remove it; the last good blade of that name is served meanwhile";
+    for (reason, remedy) in refused.iter().take(MAX_NAMED) {
         all.push(Finding::trouble(
             "store.refused",
             reason,
@@ -144,10 +180,15 @@ fn blades(folder: &Path, capacity: usize) -> (Vec<Finding>, Option<u64>) {
     (all, newest_ns)
 }
 
+/// Whether the history beside the folder of blades has a blade that stands in for a file of this name.
+fn has_last_good(blades: &Path, name: &str) -> bool {
+    blades.parent().is_some_and(|store| shelf::newest_of_name(&store.join("history"), name).is_some())
+}
+
 /// Whether a library holds them all.
 fn count(folder: &Path, blades: usize, pinned: usize, capacity: usize) -> Finding {
     const CHECK: &str = "store.blades";
-    let found = format!("{blades} blades, {pinned} of them pinned");
+    let found = format!("{}, {pinned} of them pinned", counted(blades as u64, "blade"));
     if pinned >= capacity {
         let remedy = "set pinned = false in some of their files, or remove some";
         let expected = format!("fewer than {capacity} pinned ones, so that a new one finds room");
@@ -165,7 +206,8 @@ fn archived(folder: &Path, limit: usize) -> Finding {
     const CHECK: &str = "store.archive";
     let files = archive::files(folder);
     let bytes: u64 = files.iter().filter_map(|path| fs::metadata(path).ok()).map(|it| it.len()).sum();
-    let found = format!("{} blades, {} MiB, of {limit} blades at most", files.len(), bytes >> 20);
+    let held = counted(files.len() as u64, "blade");
+    let found = format!("{held}, {} MiB, of {limit} at most", bytes >> 20);
     if files.len() <= limit {
         return Finding::ok(CHECK, folder.display(), found);
     }
@@ -191,7 +233,20 @@ mod tests {
         fs::write(&lost, "").expect("room");
         assert_trouble(&examine(&lost, 10).0[0], &["not a folder"]);
         // Nothing can be written to a folder that is a file, whoever we are.
-        assert_trouble(&writable(&lost), &["cannot write"]);
+        assert_trouble(&writable(&lost), &["cannot be written"]);
+    }
+
+    #[test]
+    fn why_a_disk_refuses_is_said_in_words() {
+        for (errno, found) in [
+            (rustix::io::Errno::NOSPC, "full"),
+            (rustix::io::Errno::ROFS, "read-only"),
+            (rustix::io::Errno::ACCESS, "this user"),
+            (rustix::io::Errno::DQUOT, "share"),
+            (rustix::io::Errno::IO, "cannot be written"),
+        ] {
+            assert!(unwritable(&errno.into()).0.contains(found), "{errno}");
+        }
     }
 
     #[test]
@@ -219,14 +274,34 @@ mod tests {
         fs::write(blades.join("notes.txt"), "no blade's file").expect("room");
         let (found, newest_ns) = examine(place.path(), 10);
         let of = |check: &str| found.iter().find(|finding| finding.check == check).expect("it is checked");
-        assert_trouble(of("store.refused"), &["broken.toml:5:24", "mend"]);
+        assert_trouble(of("store.refused"), &["broken.toml:5:24", "mend", "no blade of that name is served"]);
         assert_eq!((of("store.blades").verdict, newest_ns), (Verdict::Ok, Some(5000)));
-        assert!(of("store.blades").found.starts_with("1 blades, 0 of them pinned, of 4096"), "{found:?}");
+        assert!(of("store.blades").found.starts_with("1 blade, 0 of them pinned, of 4096"), "{found:?}");
         assert_eq!(
             found.iter().filter(|finding| finding.verdict == Verdict::Trouble).count(),
             1,
             "{found:?}"
         );
+        // Where its history has a blade, that one stands in for it.
+        let shelf = place.path().join("history/broken");
+        fs::create_dir_all(&shelf).expect("room");
+        fs::write(shelf.join("000001.toml"), FERN).expect("room");
+        let (found, _) = examine(place.path(), 10);
+        let refused = found.iter().find(|finding| finding.check == "store.refused").expect("it is checked");
+        assert_trouble(refused, &["the last good blade of that name is served"]);
+    }
+
+    #[test]
+    fn a_file_whose_name_is_not_utf8_is_named_as_that() {
+        use std::os::unix::ffi::OsStrExt;
+        let place = tempfile::tempdir().expect("a folder");
+        let blades = place.path().join("blades");
+        fs::create_dir(&blades).expect("room");
+        let name = std::ffi::OsStr::from_bytes(b"f\xffrn.toml");
+        fs::write(blades.join(name), FERN).expect("room");
+        let (found, _) = examine(place.path(), 10);
+        let refused = found.iter().find(|finding| finding.check == "store.refused").expect("it is checked");
+        assert_trouble(refused, &["not UTF-8", "rename it"]);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! GLB. No clock, no file: text and bytes in and out.
 
 pub mod glb;
+mod labels;
 mod outline;
 mod pressed;
 pub mod svg_export;

@@ -2,15 +2,17 @@
 //!
 //! Each closed path is a blade. Its midrib is the open path inside of it whose id begins with `midrib`; without
 //! one it is found as that of a blade before the camera: the outline is drawn as a depth image and goes through the
-//! capture stages. Widths are those of the drawn curves, not of pixels.
+//! capture stages. Widths are those of the drawn curves, not of pixels. What a blade is called: [`super::labels`].
 
 use common::blade::{Blade, BladeError, BladeId, Knot, MAX_NAME_BYTES};
 use common::geometry::polyline;
 use common::refine::{RefineParams, refine};
 use common::strand::motions_in_wind;
 use glam::{Vec2, Vec3};
+use usvg::roxmltree;
 use usvg::tiny_skia_path::{PathSegment, Point};
 
+use super::labels::Labels;
 use super::outline::Outline;
 use crate::frame::{CameraModel, DepthFrame};
 use crate::pipeline::{self, PipelineParams};
@@ -34,6 +36,9 @@ const MAX_MISSED: f32 = 0.06;
 const MAX_JUMP: f32 = 0.25;
 const EXPECTED: &str = "expected a single blade or leaf without lobes, upright with its root at the bottom, or its \
                         midrib drawn with it, as a path whose id begins with \"midrib\"";
+
+const CROSSES: &str =
+    "its outline crosses itself; expected a single curve around the blade: take the loop out of it";
 
 /// How blades are made of outlines.
 #[derive(Clone, Debug, PartialEq, Default)]
@@ -86,9 +91,12 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Vec<Blade>, ImportError
         resolve_string: Box::new(|_, _| None),
     };
     let options = usvg::Options { image_href_resolver, ..usvg::Options::default() };
-    let tree =
-        usvg::Tree::from_data(svg, &options).map_err(|error| ImportError::NotSvg(error.to_string()))?;
-    let mut drawing = Drawing::default();
+    let not_svg = |error: &dyn std::fmt::Display| ImportError::NotSvg(error.to_string());
+    let text = std::str::from_utf8(svg).map_err(|_| ImportError::NotSvg("it is no UTF-8 text".to_owned()))?;
+    let parsing = roxmltree::ParsingOptions { allow_dtd: true, ..roxmltree::ParsingOptions::default() };
+    let elements = roxmltree::Document::parse_with_options(text, parsing).map_err(|error| not_svg(&error))?;
+    let tree = usvg::Tree::from_xmltree(&elements, &options).map_err(|error| not_svg(&error))?;
+    let mut drawing = Drawing { labels: Labels::of(&elements), ..Drawing::default() };
     drawing.collect(tree.root(), "");
     if drawing.outlines.is_empty() {
         return Err(ImportError::NoOutline);
@@ -103,7 +111,8 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Vec<Blade>, ImportError
         let shown = if name.is_empty() { (index + 1).to_string() } else { name.clone() };
         let wrong = |reason: String| ImportError::Outline { name: shown.clone(), reason };
         let outline = only(contours).map_err(wrong)?;
-        let stations = stations(outline, midrib(outline)).map_err(wrong)?;
+        let reasoned = |reason: String| wrong(if outline.crosses_itself() { CROSSES.into() } else { reason });
+        let stations = stations(outline, midrib(outline)).map_err(reasoned)?;
         finished(&stations, index, name, params).map_err(|error| wrong(error.to_string()))
     };
     drawing.outlines.iter().enumerate().map(blade).collect()
@@ -114,6 +123,7 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Vec<Blade>, ImportError
 struct Drawing {
     outlines: Vec<(String, Vec<Outline>)>,
     midribs: Vec<Vec<Vec2>>,
+    labels: Labels,
 }
 
 impl Drawing {
@@ -121,7 +131,8 @@ impl Drawing {
         for node in group.children() {
             match node {
                 usvg::Node::Group(group) => {
-                    self.collect(group, if group.id().is_empty() { named } else { group.id() });
+                    let own = self.labels.name(group.id()).to_owned();
+                    self.collect(group, if own.is_empty() { named } else { &own });
                 }
                 usvg::Node::Path(path) if path.is_visible() => self.add(path, named),
                 _ => {}
@@ -130,17 +141,17 @@ impl Drawing {
     }
 
     fn add(&mut self, path: &usvg::Path, group: &str) {
-        let id = path.id();
+        let name = self.labels.name(path.id());
         let contours = contours(path);
-        if id.starts_with("midrib") {
+        if path.id().starts_with("midrib") || name.starts_with("midrib") {
             self.midribs.extend(contours.into_iter().map(|(points, _)| points).filter(|it| it.len() >= 2));
             return;
         }
         let closed = contours.into_iter().filter(|(points, closed)| *closed && points.len() >= 3);
         let outlines: Vec<Outline> = closed.map(|(points, _)| Outline { points }).collect();
         if !outlines.is_empty() {
-            let own = id.is_empty() || id.starts_with("outline-");
-            self.outlines.push((if own { group.to_owned() } else { id.to_owned() }, outlines));
+            let is_nameless = name.is_empty() || name.starts_with("outline-");
+            self.outlines.push((if is_nameless { group.to_owned() } else { name.to_owned() }, outlines));
         }
     }
 }

@@ -108,7 +108,8 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
     }
     let Rewriter { mut writer, recovered, .. } = rewriter;
     if recovered.images == 0 {
-        let reason = recovered.damage.first().map(|damage| format!("; {damage}")).unwrap_or_default();
+        let first = recovered.damage.first();
+        let reason = first.map(|damage| format!("; {damage}, before its first image")).unwrap_or_default();
         return Err(RecoverError::Open(OpenError::NoFrames { path: from.to_owned(), reason }));
     }
     writer.finish().map_err(|error| refused(with_sources(&error)))?;

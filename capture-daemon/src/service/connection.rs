@@ -65,7 +65,10 @@ async fn converse(
             }
             bytes => bytes?,
         };
-        let Message { call, oneway } = Message::parse(bytes).ok_or(Hangup::NotVarlink)?;
+        let Some(Message { call, oneway }) = Message::parse(bytes) else {
+            let _ = send(&mut write, &farewell(StationError::NotAMessage), &[]).await;
+            return Err(Hangup::NotVarlink);
+        };
         let answer = match call {
             // A client that leaves while it waits for a library is noticed only by its hang-up.
             Ok(call) => tokio::select! {

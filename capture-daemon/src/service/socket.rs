@@ -21,6 +21,7 @@ use zlink::connection::socket::FetchPeerCredentials;
 
 use super::{Peer, Service, connection};
 use crate::recurring::Recurring;
+use crate::store::file::make_folder;
 
 /// Room for replies that a client has not taken yet. Each of them may hold the memory of a preview, so that a
 /// client that asks and does not read must not have many.
@@ -129,7 +130,7 @@ impl Socket {
         let shown = || path.display().to_string();
         let refused = |source| BindError::Io { path: shown(), source };
         if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(refused)?;
+            make_folder(folder).map_err(refused)?;
         }
         match UnixStream::connect(path).await {
             Ok(_) => return Err(BindError::InUse { path: shown() }),

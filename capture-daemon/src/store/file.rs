@@ -134,19 +134,26 @@ pub(crate) fn text(path: &Path) -> Result<String, String> {
 
 /// The name of the blade in a file of this name; `None` for what is no blade's file.
 pub(crate) fn blade_name(file_name: &str) -> Option<&str> {
-    file_name.strip_suffix(SUFFIX).filter(|name| !name.starts_with('.'))
+    file_name.strip_suffix(SUFFIX).filter(|name| !name.is_empty() && !name.starts_with('.'))
 }
 
-/// Makes a folder and puts it on disk.
+/// Makes a folder, in one that is there, and puts it on disk.
 ///
 /// # Errors
-/// When the system refuses.
+/// When the folder around it is not there, with what to do; or the system refuses.
 pub(crate) fn make_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
     }
-    fs::create_dir_all(folder)?;
-    folder.parent().filter(|parent| !parent.as_os_str().is_empty()).map_or(Ok(()), sync)
+    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty());
+    // A path that was mistyped, or a disk that is not mounted, is not made into a folder on the wrong disk.
+    if let Some(parent) = parent.filter(|parent| !parent.exists()) {
+        let reason =
+            format!("there is no folder {} to make it in; make that, or mount its disk", parent.display());
+        return Err(io::Error::new(io::ErrorKind::NotFound, reason));
+    }
+    fs::create_dir(folder)?;
+    parent.map_or(Ok(()), sync)
 }
 
 #[cfg(test)]
@@ -171,6 +178,18 @@ mod tests {
         fs::write(&b, "b").expect("room");
         assert_eq!(shift(&a, &b).map_err(|error| error.kind()), Err(io::ErrorKind::AlreadyExists));
         assert_eq!((text(&a).as_deref(), text(&b).as_deref()), (Ok("a"), Ok("b")));
+    }
+
+    #[test]
+    fn a_folder_is_made_in_one_that_is_there_only() {
+        let place = tempfile::tempdir().expect("a folder");
+        let nowhere = place.path().join("nowhere");
+        let refused = make_folder(&nowhere.join("sward")).expect_err("its parent is missing").to_string();
+        assert!(refused.contains(&nowhere.display().to_string()) && refused.contains("mount"), "{refused}");
+        assert!(!nowhere.exists());
+        make_folder(&nowhere).expect("its parent is there");
+        make_folder(&nowhere.join("sward")).expect("now it is");
+        make_folder(&nowhere.join("sward")).expect("it is there already");
     }
 
     #[test]

@@ -7,6 +7,7 @@ use std::io;
 use super::file::{Signature, blade_name, text};
 use super::record::Record;
 use super::{Live, Refused, Store, StoreError, shelf};
+use crate::mistake::one_line;
 
 /// What reading the folder again has changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -107,9 +108,16 @@ impl Store {
     /// Reads the file of `name`.
     pub(super) fn read(&self, name: &str) -> Result<Live, Refused> {
         let path = self.path(name);
-        let shown = path.display();
+        let shown = one_line(&path);
         let seen = Signature::of(&path).ok();
         let refused = |reason: String, seen| Refused { reason, seen };
+        if seen.is_none() && name.contains(char::REPLACEMENT_CHARACTER) {
+            let reason = format!(
+                "{shown}: the name of this file is not UTF-8 (what is not is shown as {}), expected one that is; rename it",
+                char::REPLACEMENT_CHARACTER
+            );
+            return Err(refused(reason, None));
+        }
         let text = text(&path).map_err(|reason| refused(format!("{shown}: {reason}"), seen))?;
         let modified = seen.map_or(0, |seen| seen.modified_unix_ns());
         let record = Record::parse(name, &text, modified)
@@ -233,7 +241,10 @@ impl Store {
                     .surplus_after(1)
                     .and_then(|oldest| oldest.map_or(Ok(()), |oldest| self.archive_blade(&oldest)));
                 let path = self.path(name);
-                room.map_err(|error| Refused { reason: format!("{}: {error}", path.display()), seen: None })?;
+                room.map_err(|error| Refused {
+                    reason: format!("{}: {error}", one_line(&path)),
+                    seen: None,
+                })?;
             }
         }
         Ok(())

@@ -35,6 +35,8 @@ use file::{SUFFIX, Signature, make_folder, write_atomically};
 use generation::Generation;
 use record::Record;
 
+use crate::mistake::one_line;
+
 /// A blade that the library holds.
 #[derive(Clone, Debug)]
 pub(crate) struct Live {
@@ -385,7 +387,7 @@ impl Store {
 }
 
 fn disk(path: &Path, source: io::Error) -> StoreError {
-    StoreError::Disk { path: path.display().to_string(), source }
+    StoreError::Disk { path: one_line(path), source }
 }
 
 impl StoreError {

@@ -4,7 +4,7 @@ use std::io;
 
 use common::blade::MAX_MIX;
 
-use super::file::{SUFFIX, Signature, make_folder, shift, supplant, text, write_as_of, write_atomically};
+use super::file::{SUFFIX, Signature, shift, supplant, text, write_as_of, write_atomically};
 use super::record::{Record, check_name};
 use super::shelf::{self, Version, shelve, shelve_text};
 use super::{Live, Store, StoreError, disk};
@@ -44,7 +44,7 @@ impl Store {
             return Ok(());
         }
         let aside = self.history().join(name).join("refused");
-        make_folder(&aside).map_err(|source| disk(&aside, source))?;
+        std::fs::create_dir_all(&aside).map_err(|source| disk(&aside, source))?;
         shelve(&aside, name, &path).map(drop).map_err(|source| disk(&path, source))
     }
 

@@ -98,8 +98,11 @@ pub fn check_name(name: &str) -> Result<(), String> {
     } else {
         return Ok(());
     };
+    // One may be as long as a file's.
+    let shown: String = name.chars().take(MAX_NAME_BYTES).collect();
+    let more = if shown.len() < name.len() { "..." } else { "" };
     Err(format!(
-        "the name {name:?} {wrong}, expected 1 to {MAX_NAME_BYTES} bytes without slash, control character, leading dot, or space at either end"
+        "the name {shown:?}{more} {wrong}, expected 1 to {MAX_NAME_BYTES} bytes without slash, control character, leading dot, or space at either end"
     ))
 }
 

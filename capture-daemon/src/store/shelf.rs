@@ -80,6 +80,11 @@ pub(super) fn versions(shelf: &Path, name: &str) -> impl Iterator<Item = Version
     files(shelf, name).into_iter().rev().filter_map(move |path| Version::read(name, path))
 }
 
+/// The newest blade on a shelf of this name, if it has the name still.
+pub(crate) fn newest_of_name(shelf: &Path, name: &str) -> Option<Version> {
+    versions(shelf, name).next().filter(|newest| newest.renamed_to.is_none())
+}
+
 /// The ids that the captured blades on a shelf say that they have, in no order.
 pub(super) fn ids(shelf: &Path, name: &str) -> Vec<BladeId> {
     let id = |path: PathBuf| {

@@ -391,3 +391,49 @@ fn a_clock_that_steps_back_changes_neither_the_order_nor_who_goes_first() {
     store.restore(captured(2100).blade.name(), 1).expect("it is in the archive, with its time ahead");
     assert_eq!(names(&store).len(), 4);
 }
+
+#[test]
+fn a_file_whose_name_is_not_utf8_is_refused_for_that_and_keeps_nothing_out() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = folder();
+    let mut store = open(&folder);
+    let name = std::ffi::OsStr::from_bytes(b"f\xe9rn.toml");
+    fs::write(store.blades_folder().join(name), DROPPED).expect("room");
+    drop_file(&store, "moss", DROPPED);
+    assert_eq!(rescan(&mut store), (true, true));
+    let reasons =
+        |store: &Store| store.refused().values().map(|refused| refused.reason.clone()).collect::<Vec<_>>();
+    assert_eq!(reasons(&store).len(), 1);
+    assert!(
+        reasons(&store)[0].contains("not UTF-8") && reasons(&store)[0].contains("rename"),
+        "{:?}",
+        reasons(&store)
+    );
+    assert_eq!(rescan(&mut store), (false, false), "and is said once");
+    assert_eq!(names(&store), ["moss"]);
+    drop(store);
+
+    let mut store = open(&folder);
+    assert_eq!((names(&store), reasons(&store).len()), (vec!["moss".to_owned()], 1));
+    fs::rename(store.blades_folder().join(name), store.blades_folder().join("fern.toml")).expect("there");
+    assert_eq!(rescan(&mut store), (true, true));
+    assert_eq!((store.refused().len(), names(&store).len()), (0, 2));
+}
+
+#[test]
+fn a_reason_is_one_line_and_not_long_whatever_a_file_is_called() {
+    let folder = folder();
+    let mut store = open(&folder);
+    for name in ["a\nb".to_owned(), "x".repeat(200)] {
+        drop_file(&store, &name, DROPPED);
+    }
+    // Hidden, as all whose names begin with a dot.
+    drop_file(&store, "", DROPPED);
+    assert_eq!(rescan(&mut store), (false, true));
+    let reasons: Vec<&str> = store.refused().values().map(|refused| refused.reason.as_str()).collect();
+    assert_eq!(reasons.len(), 2, "{reasons:?}");
+    for reason in reasons {
+        assert!(!reason.contains('\n') && reason.contains("expected 1 to 48 bytes"), "{reason}");
+        assert!(reason.matches('x').count() < 300, "{reason}");
+    }
+}

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 
 use super::clip::{Clip, ClipParams};
 use super::scene::{FAMILIES, Family, Scene};
@@ -53,13 +53,13 @@ pub struct SynthArgs {
     pub out: PathBuf,
     /// Seed of the first clip of each family; the next clips have the seeds after it. The same seed
     /// gives the same frames on every machine. Any whole number from 0 on. Example: --seed 42
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true)]
     pub seed: u64,
     /// Family of the scenes; may be given more than once or as a list. Example: --family single,row
     #[arg(long, value_name = "FAMILY", value_enum, value_delimiter = ',', default_value = "all")]
     pub family: Vec<Families>,
     /// Clips of each family, 1 to 100000. Example: --clips 5
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub clips: u64,
     /// Columns and rows in pixels, each 16 to 4096, and 1280x1024 pixels in all at most. Example: --size
     /// 512x424
@@ -70,14 +70,14 @@ pub struct SynthArgs {
     pub noise: f64,
     /// Frames of each clip at 30 a second, 1 to 100000, the empty ones before and after included. Without it
     /// 45; 60 of a hand, 80 for each visitor of a kiosk. Example: --frames 60
-    #[arg(long, value_name = "N", value_parser = parse_frames)]
+    #[arg(long, value_name = "N", value_parser = parse_frames, allow_negative_numbers = true)]
     pub frames: Option<usize>,
-    /// Form of the recordings. Example: --format png
+    /// Form of the recordings. The same clip in both forms has one truth. Example: --format png
     #[arg(long, value_name = "FORMAT", value_enum, default_value_t)]
     pub format: Format,
     /// Level of the MCAP files' zstd compression, 1 to 22; 0 is zstd's own default. 19 makes them 40 %
     /// smaller, slowly. Example: --compression-level 19
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=22))]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=22))]
     pub compression_level: u32,
 }
 
@@ -129,8 +129,11 @@ pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
 /// folder `single-1`) and `single-1.truth.json` for seed 1 of the family `single`. The path of the
 /// recording. `compression_level`: of an MCAP file, as in [`RecordingParams`].
 ///
+/// The same clip in both forms has one truth. A truth never comes to stand beside a recording of the other form
+/// that shows something else.
+///
 /// # Errors
-/// When a file cannot be written.
+/// When a file cannot be written, or the folder has another clip of this name in the other form.
 pub fn write(out: &Path, clip: &Clip, format: Format, compression_level: u32) -> anyhow::Result<PathBuf> {
     const REMEDY: &str = "check the path, its permissions and the room on the disk";
     std::fs::create_dir_all(out)
@@ -140,23 +143,38 @@ pub fn write(out: &Path, clip: &Clip, format: Format, compression_level: u32) ->
         Format::Mcap => out.join(format!("{name}.mcap")),
         Format::Png => out.join(&name),
     };
+    let truth_path = out.join(format!("{name}.truth.json"));
+    let truth = truth_of(clip)?;
+    let other = match format {
+        Format::Mcap => out.join(&name),
+        Format::Png => out.join(format!("{name}.mcap")),
+    };
+    if other.exists() && std::fs::read_to_string(&truth_path).is_ok_and(|its| its != truth) {
+        bail!(
+            "{}: belongs to {}, which is another clip (of another size, noise or number of frames); give another --out",
+            truth_path.display(),
+            other.display()
+        );
+    }
     write_frames(&path, clip, format, compression_level).map_err(|error| match error {
         // It does not know where it is written to.
         WriteError::Mcap(_) => anyhow::Error::new(error).context(path.display().to_string()),
         named => named.into(),
     })?;
-    let truth_path = out.join(format!("{name}.truth.json"));
-    let mut truth = serde_json::to_string(&Truth::of(clip)).context("the truth cannot be written as JSON")?;
-    // One knot on a line: readable, and short.
-    truth = truth.replace("{\"camera_m\"", "\n{\"camera_m\"").replace("{\"shape\"", "\n{\"shape\"");
-    truth = truth.replace("{\"rotation\"", "\n{\"rotation\"");
-    truth.push('\n');
     let part = truth_path.with_extension("json.part");
     if let Err(error) = std::fs::write(&part, truth).and_then(|()| std::fs::rename(&part, &truth_path)) {
         let _gone = std::fs::remove_file(&part);
         return Err(error).context(format!("{}: cannot be written; {REMEDY}", truth_path.display()));
     }
     Ok(path)
+}
+
+/// The truth as it stands in its file.
+fn truth_of(clip: &Clip) -> anyhow::Result<String> {
+    let truth = serde_json::to_string(&Truth::of(clip)).context("the truth cannot be written as JSON")?;
+    // One knot on a line: readable, and short.
+    let truth = truth.replace("{\"camera_m\"", "\n{\"camera_m\"").replace("{\"shape\"", "\n{\"shape\"");
+    Ok(truth.replace("{\"rotation\"", "\n{\"rotation\"") + "\n")
 }
 
 fn write_frames(path: &Path, clip: &Clip, format: Format, compression_level: u32) -> Result<(), WriteError> {

@@ -187,7 +187,7 @@ impl FrameSource for McapSource {
                 Err(error @ RecordError::CutShort(_)) => {
                     self.reader = None;
                     let part = self.part();
-                    self.warn(&format!("{part}cut short: {error}; it is read to its last whole message"));
+                    self.warn(&format!("{part}{error}; it is read to its last whole message"));
                 }
                 Err(error @ RecordError::Damaged { .. }) => {
                     let what = format!("{}{error}", self.part());

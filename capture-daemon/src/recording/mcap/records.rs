@@ -27,7 +27,7 @@ const ENDING_LEN: u64 = FRAMING_LEN + 20 + 8;
 #[derive(Debug, thiserror::Error)]
 pub(in crate::recording) enum RecordError {
     /// The file ends before its end.
-    #[error("it ends within a record, at byte {0}")]
+    #[error("it is cut short: it ends within a record, at byte {0}")]
     CutShort(u64),
     /// One record or chunk cannot be read; the next call goes on behind it.
     #[error("the {what} at byte {at} is damaged ({reason})")]

@@ -89,6 +89,8 @@ pub(super) struct Survey {
     depth_unit: Option<String>,
     /// The first part of the file that could not be read.
     damage: Option<String>,
+    /// Where the first file that is cut short ends.
+    cut_short: Option<String>,
 }
 
 impl Survey {
@@ -155,7 +157,11 @@ impl Survey {
         while !enough(self) {
             match reader.next() {
                 Ok(Some(record)) => self.note(record),
-                Ok(None) | Err(RecordError::CutShort(_)) => break,
+                Ok(None) => break,
+                Err(error @ RecordError::CutShort(_)) => {
+                    self.cut_short.get_or_insert(error.to_string());
+                    break;
+                }
                 Err(error @ RecordError::Damaged { .. }) => {
                     self.damage.get_or_insert(error.to_string());
                 }
@@ -201,7 +207,8 @@ impl Survey {
     /// What there is, for a message.
     fn listed(&self) -> String {
         let topics: Vec<String> = self.topics.iter().map(|(name, topic)| topic.describe(name)).collect();
-        let damage = self.damage.as_deref().map(|damage| format!(", and {damage}")).unwrap_or_default();
+        let unread = [&self.damage, &self.cut_short].into_iter().flatten();
+        let damage: String = unread.map(|unread| format!(", and {unread}")).collect();
         if topics.is_empty() {
             format!("it has no topics{damage}")
         } else {
@@ -285,6 +292,13 @@ impl Survey {
 
     /// Selects the depth images and their intrinsics.
     pub(super) fn select(&self, path: &Path, options: &OpenOptions) -> Result<Selection, OpenError> {
+        // Of a file that ends before its first image nobody knows what it would have held.
+        if let Some(cut_short) = &self.cut_short
+            && self.topics.values().all(|topic| topic.encoding.is_none() && topic.refusal.is_none())
+        {
+            let reason = format!("; {cut_short}, before its first image");
+            return Err(OpenError::NoFrames { path: path.to_owned(), reason });
+        }
         let image_topic = self.select_images(path, options.topic.as_deref())?;
         let info = self.select_info(path, &image_topic, options.camera.as_ref())?;
         let depth_unit_m = self.select_depth_unit(path)?;
