@@ -132,7 +132,7 @@ fn nearest_on(mask: &Mask, sections: &[Section], section: &Section) -> Option<us
     let Vec2 { x, y } = section.expected.mid;
     let away = |own: &Section| (own.expected.mid - Vec2::new(x, y)).length();
     let (nearest, own) = sections.iter().enumerate().min_by(|a, b| away(a.1).total_cmp(&away(b.1)))?;
-    let near = away(own) < own.expected.half_px.max(section.expected.half_px).max(1.0) + 0.5;
+    let near = away(own) < own.expected.half_px.max(1.0) + 0.5;
     let off_m = (own.expected.depth_m - section.expected.depth_m).abs();
     (near && off_m < 3.0 * tolerance_m(mask)).then_some(nearest)
 }
