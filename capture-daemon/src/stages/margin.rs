@@ -31,6 +31,9 @@ pub struct Margins {
     pub turning: f32,
 }
 
+/// How much the edges of a broad leaf wave, of its width.
+const WAVER: f32 = 0.05;
+
 impl Margins {
     /// How little an outline is that of a blade, from 0: the sum of the squares of what is odd about it,
     /// each over what blades hardly show. The less there is of an outline (`length_px`: of the midrib; `aspect`: length over width), the better it has to be.
@@ -47,8 +50,9 @@ impl Margins {
     }
 
     fn oddity_but(&self, cut: f32, length_px: f32, aspect: f32) -> f32 {
+        let width_px = length_px / aspect.max(f32::MIN_POSITIVE);
         let odd = [
-            self.waver_px / 0.6,
+            self.waver_px / (WAVER * width_px).clamp(0.6, 1.0),
             self.turning / 0.25,
             cut / 0.4,
             self.unseen / 0.8,
@@ -232,5 +236,12 @@ mod tests {
         assert!(ragged.waver_px > even.waver_px + 0.8, "{ragged:?}");
         assert!(even.oddity(80.0, 8.0) < 2.0, "a dark room makes no blade odd: {even:?}");
         assert!(ragged.oddity(80.0, 8.0) > even.oddity(80.0, 8.0) + 2.0, "{ragged:?}");
+    }
+
+    #[test]
+    fn a_broad_leaf_may_wave_more() {
+        let wavy = Margins { waver_px: 0.85, ..margins(0, |_, _| 1500) };
+        let odd = |width_px: f32| wavy.oddity(100.0, 100.0 / width_px);
+        assert!(odd(8.0) - odd(17.0) > 0.8, "{} and {}", odd(8.0), odd(17.0));
     }
 }

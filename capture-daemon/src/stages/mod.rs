@@ -4,6 +4,7 @@
 //! bits.
 
 pub mod accumulate;
+mod behind;
 mod bend;
 pub mod blade;
 pub mod blob;
@@ -34,7 +35,9 @@ pub mod section;
 mod seed;
 mod settle;
 pub mod skeleton;
+mod splice;
 mod stem;
 mod strip;
+mod trail;
 mod trend;
 mod tuft;

@@ -4,6 +4,7 @@
 use common::geometry::fit::Parabola;
 use glam::Vec2;
 
+use super::behind;
 use super::blob::Field;
 use super::crease;
 use super::crossing;
@@ -14,8 +15,10 @@ use super::partition::Part;
 use super::section::{Expected, Measured, Middle};
 use super::seed::seed;
 use super::settle::{moved, settle, settle_roughly};
+use super::splice;
 use super::stem;
 use super::strip;
+use super::trail;
 use super::trend::Trend;
 use super::tuft::{self, Ground};
 
@@ -101,7 +104,10 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     let ground = Ground::of(mask, params.down);
     let attached = stem::attach(mask, &mut ribbons, fields, &ground, params);
     tuft::gather(mask, &mut ribbons, &ground, params);
+    behind::lead(mask, &mut ribbons, params);
     ribbons.extend(attached);
+    splice::join(mask, &mut ribbons);
+    trail::follow(mask, &mut ribbons, params);
     for ribbon in &mut ribbons {
         for wavelength_px in [24.0, MIDRIB_WAVELENGTH_PX] {
             settle(mask, &mut ribbon.sections, wavelength_px);

@@ -197,12 +197,14 @@ fn curl<'a>(at: &impl Fn(usize) -> &'a Expected, count: usize) -> usize {
     const APART: usize = 4;
     /// Turn over half of the width, radians ([`super::margin::Margins::turning`]).
     const TIGHT: f32 = 0.2;
-    let reach = (4.0 * at(count / 4).half_px) as usize;
+    /// Half widths from the end within which it does.
+    const REACH: f32 = 2.5;
     let tight = |k: &usize| {
         let turn = at(*k).across.angle_to(at(k + APART).across).abs() / APART as f32;
-        turn * at(k + APART).half_px > TIGHT
+        let half_px = at(k + APART).half_px;
+        turn * half_px > TIGHT && (*k as f32) < REACH * half_px
     };
-    (0..reach.min(count / 4)).rev().find(tight).map_or(0, |k| k + APART)
+    (0..count / 4).rev().find(tight).map_or(0, |k| k + APART)
 }
 
 /// Sections whose direction is that of what is carried on beyond a blunt end.
