@@ -161,8 +161,9 @@ fn stages(
     let accepted: Vec<_> = lifted
         .iter()
         .map(|(ribbon, lifted)| {
-            let evidence = Evidence::of(ribbon, lifted, mask.frames, mask.depth_noise_m);
-            (lifted, margin::look(&mask, ribbon, window_m), evidence)
+            let margins = margin::look(&mask, ribbon, window_m);
+            let evidence = Evidence::of(ribbon, lifted, &margins, mask.frames, mask.depth_noise_m);
+            (lifted, margins, evidence)
         })
         .filter(|(lifted, margins, evidence)| {
             blade::accept(lifted, margins, evidence, &params.accept).is_ok()

@@ -82,8 +82,8 @@ pub fn capture(
     let window_m = [params.mask.near_m as f32, params.mask.far_m as f32];
     let (mut accepted, mut followed, mut refused) = (Vec::new(), Vec::new(), Vec::new());
     for (lifted, ribbon) in lifted.iter().zip(traced) {
-        let evidence = Evidence::of(ribbon, lifted, mask.frames, mask.depth_noise_m);
         let margins = margin::look(&mask, ribbon, window_m);
+        let evidence = Evidence::of(ribbon, lifted, &margins, mask.frames, mask.depth_noise_m);
         match blade::accept(lifted, &margins, &evidence, &params.accept) {
             Ok(()) => {
                 accepted.push((lifted, evidence));

@@ -80,10 +80,44 @@ proptest! {
     }
 
     #[test]
+    fn no_blade_comes_back_over_itself(ellipses in prop::collection::vec(ellipse(), 1..9), noise in 0_u32..12) {
+        let Some(capture) = session().push(&frame(&ellipses, noise)) else { return Ok(()) };
+        for blade in &capture.steps.blades {
+            let met = met_again(&blade.knots_in_camera);
+            prop_assert!(met.is_none(), "{met:?} of {:?}", blade.knots_in_camera);
+        }
+    }
+
+    #[test]
     fn the_same_frame_gives_the_same_bits(ellipses in prop::collection::vec(ellipse(), 1..4)) {
         let frame = frame(&ellipses, 5);
         prop_assert_eq!(session().push(&frame), session().push(&frame));
     }
+}
+
+/// Where a midrib lies on its own earlier part again, and on what: metres along it.
+fn met_again(knots: &[Knot]) -> Option<[f32; 2]> {
+    const STEPS: usize = 8;
+    /// Between its knots a refined midrib cuts its corners.
+    const SLACK: f32 = 0.7;
+    let mut along_m = 0.0;
+    let mut places: Vec<(f32, Vec3, f32)> = Vec::new();
+    for pair in knots.windows(2) {
+        let step_m = pair[0].position.distance(pair[1].position) / STEPS as f32;
+        for share in (0..STEPS).map(|step| step as f32 / STEPS as f32) {
+            let width_m = pair[0].width() + (pair[1].width() - pair[0].width()) * share;
+            places.push((along_m, pair[0].position.lerp(pair[1].position, share), 0.5 * width_m));
+            along_m += step_m;
+        }
+    }
+    let meets = |earlier: &(f32, Vec3, f32), later: &(f32, Vec3, f32)| {
+        let half_m = earlier.2.max(later.2);
+        later.0 - earlier.0 > 5.0 * half_m && earlier.1.distance(later.1) < SLACK * half_m
+    };
+    places.iter().enumerate().find_map(|(index, earlier)| {
+        let later = places[index..].iter().find(|later| meets(earlier, later))?;
+        Some([earlier.0, later.0])
+    })
 }
 
 /// A blade drawn into a picture: an arc from its root, tapered to its tip, lying in a plane.

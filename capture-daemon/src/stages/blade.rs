@@ -7,7 +7,7 @@ use glam::{Affine3A, Vec3};
 
 use super::confidence::Evidence;
 use super::lift::Lifted;
-use super::margin::Margins;
+use super::margin::{Margins, SHOWN_PX};
 use super::mask::{Mask, Region};
 use super::ribbon::{End, Ribbon};
 use crate::frame::{CameraModel, CameraPose};
@@ -52,9 +52,6 @@ const MAX_FLANK: f32 = 3.0;
 const BLUNT: f32 = 0.75;
 /// Share of its edges that may lie at the border of the region: more are where it goes on beyond it.
 const MAX_AT_BORDER: f32 = 0.35;
-/// Of a narrower blade it cannot be told whether it ends in a point, pixels across.
-const SHOWN_PX: f32 = 6.0;
-
 /// An outline odder than this ([`Margins::oddity`]) is no blade's.
 const MAX_ODDITY: f32 = 2.4;
 
@@ -142,7 +139,7 @@ pub enum Refusal {
         /// The score needed.
         needed: f32,
     },
-    /// No midrib whose knots are a blade's.
+    /// No midrib whose knots are a blade's, or one that comes back over its own blade.
     #[error("Please hold it up once more: its shape could not be followed.")]
     NoShape,
 }
@@ -217,16 +214,18 @@ pub fn accept(
     if aspect < MIN_ASPECT || width_m > params.max_width_m || width_m > BROAD_M && !is_leaf() {
         return Err(Refusal::TooBroad);
     }
-    match margins.odd_at_window(MAX_ODDITY, lifted.length_px, aspect) {
+    if lifted.doubles_back() {
+        return Err(Refusal::NoShape);
+    }
+    match margins.odd_at_window(MAX_ODDITY, evidence) {
         Some(0) => return Err(Refusal::TooNear),
         Some(_) => return Err(Refusal::TooFar),
         None => {}
     }
-    let oddity = margins.oddity(lifted.length_px, aspect);
-    if oddity > MAX_ODDITY {
-        return Err(Refusal::Ragged { oddity });
+    if evidence.oddity > MAX_ODDITY {
+        return Err(Refusal::Ragged { oddity: evidence.oddity });
     }
-    let score = score(lifted, evidence);
+    let score = score(evidence);
     if score < params.min_score {
         return Err(Refusal::Unsure { score, needed: params.min_score });
     }
@@ -334,7 +333,7 @@ fn moved(knots: &[Knot], by: Affine3A) -> Vec<Knot> {
 fn quality(lifted: &Lifted, evidence: Evidence, hausdorff_m: f32) -> Quality {
     let [length_error_m, width_error_m] = evidence.errors_m();
     Quality {
-        score: score(lifted, &evidence),
+        score: score(&evidence),
         pixels_across: lifted.pixels_across,
         hausdorff_m,
         length_error_m,
@@ -343,14 +342,14 @@ fn quality(lifted: &Lifted, evidence: Evidence, hausdorff_m: f32) -> Quality {
     }
 }
 
-/// 1 for a blade without error, ½ for one whose errors of length and width are 10 % together, one standard
-/// deviation each; 0..=1.
-fn score(lifted: &Lifted, evidence: &Evidence) -> f32 {
+/// 1 for a blade without error and with an outline like no other thing's, ½ for such a one whose errors of
+/// length and width are 10 % together, one standard deviation each, or whose outline's oddity is 1; 0..=1.
+fn score(evidence: &Evidence) -> f32 {
     const HALF: f32 = 0.1;
     let [length, width] = evidence.errors_m();
-    let relative =
-        length / lifted.length_m.max(f32::MIN_POSITIVE) + width / lifted.max_width_m().max(f32::MIN_POSITIVE);
-    1.0 / (1.0 + relative / HALF)
+    let relative = length / evidence.length_m.max(f32::MIN_POSITIVE)
+        + width / evidence.max_width_m.max(f32::MIN_POSITIVE);
+    1.0 / (1.0 + relative / HALF + evidence.oddity.powi(2))
 }
 
 #[cfg(test)]
@@ -374,22 +373,9 @@ mod tests {
             seen: 1.0,
             within_region: true,
         };
-        let evidence = Evidence {
-            metres_per_px: 0.9e-3,
-            pixels_across: 10.0,
-            length_px: 166.0,
-            frames: 17,
-            depth_noise_m: 2.1e-4,
-            root: End::Free,
-            tip: End::Free,
-            root_blunt: 1.0,
-            tip_blunt: 0.0,
-            edges_seen: 1.0,
-            hidden: 0.0,
-            led: 0.0,
-            steepness: 0.0,
-        };
+        let evidence = Evidence::good();
         let margins = Margins {
+            tip_unseen: false,
             both: 1.0,
             cut: 0.0,
             at_window: [0.0; 2],
@@ -398,6 +384,7 @@ mod tests {
             unseen: 0.0,
             waver_px: 0.15,
             turning: 0.01,
+            turned: 0.2,
         };
         (lifted, margins, evidence)
     }
@@ -436,13 +423,16 @@ mod tests {
             ("too_broad", |lifted, _, _| {
                 lifted.knots_in_camera[3].half_width_left = 0.14;
             }),
-            ("ragged", |_, margins, _| (margins.waver_px, margins.both) = (0.8, 0.3)),
+            ("ragged", |_, margins, evidence| {
+                (margins.waver_px, margins.both) = (0.8, 0.3);
+                evidence.oddity = margins.oddity(evidence);
+            }),
             ("hidden", |lifted, _, _| lifted.seen = 0.3),
             ("too_steep", |lifted, _, _| lifted.length_px = 30.0),
             ("outside", |lifted, _, _| lifted.within_region = false),
             ("unsure", |_, _, evidence| {
-                (evidence.edges_seen, evidence.hidden, evidence.depth_noise_m) = (0.0, 1.0, 3e-3);
-                (evidence.tip_blunt, evidence.steepness) = (1.0, 2.0);
+                (evidence.max_width_m, evidence.tip_blunt) = (0.04, 1.0);
+                (evidence.waver_px, evidence.oddity) = (20.0, 2.3);
             }),
             ("no_shape", |lifted, _, _| lifted.knots_in_camera[0].position.x = f32::NAN),
         ];
@@ -461,5 +451,19 @@ mod tests {
         assert!(after.score < before.score, "{before:?} {after:?}");
         assert!(after.length_error_m > before.length_error_m, "{before:?} {after:?}");
         assert!((0.0..=1.0).contains(&after.score) && (0.5..=1.0).contains(&before.score), "{before:?}");
+    }
+
+    #[test]
+    fn a_midrib_that_comes_back_over_its_own_blade_is_no_blade() {
+        /// Up, and down again so far to the right, metres.
+        fn hairpin(lifted: &mut Lifted, apart_m: f32) {
+            for (i, knot) in lifted.knots_in_camera.iter_mut().enumerate() {
+                let along_m = 0.15 * i as f32 / 127.0;
+                let (x, y) = if along_m < 0.075 { (0.0, along_m) } else { (apart_m, 0.15 - along_m) };
+                knot.position = Vec3::new(x, -y, 0.5);
+            }
+        }
+        assert_eq!(verdict(|lifted, _, _| hairpin(lifted, 0.002)), Err(Refusal::NoShape));
+        assert_eq!(verdict(|lifted, _, _| hairpin(lifted, 0.03)), Ok(()));
     }
 }

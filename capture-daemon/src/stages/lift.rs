@@ -45,6 +45,23 @@ impl Lifted {
         inner.windows(APART + 1).map(step).fold(0.0, f32::max)
     }
 
+    /// Whether its midrib comes back over its own blade: a later knot lies within half of the width of an earlier
+    /// one, though it is more than twice that width along from it. O(knots²).
+    pub fn doubles_back(&self) -> bool {
+        /// More than of the arc with the tightest turn that leaves a blade's sides apart.
+        const ALONG: f32 = 4.0;
+        let knots = &self.knots_in_camera;
+        let apart_m = self.length_m / (knots.len().max(2) - 1) as f32;
+        knots.iter().enumerate().any(|(i, earlier)| {
+            knots.iter().enumerate().skip(i + 1).any(|(j, later)| {
+                let half_m = 0.5 * earlier.width().max(later.width());
+                let along_m = (j - i) as f32 * apart_m;
+                along_m > ALONG * half_m
+                    && earlier.position.distance_squared(later.position) < half_m * half_m
+            })
+        })
+    }
+
     /// How far to the right of the camera its root is, metres.
     pub fn root_x_m(&self) -> f32 {
         self.knots_in_camera[0].position.x

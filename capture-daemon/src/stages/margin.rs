@@ -3,9 +3,10 @@
 
 use glam::Vec2;
 
+use super::confidence::Evidence;
 use super::mask::{Mask, depth_step_m};
-use super::ribbon::{Ribbon, Section};
-use super::section::{Expected, Middle};
+use super::ribbon::{End, Ribbon, Section};
+use super::section::Middle;
 
 /// How a blade's outline looks where the blade itself is seen: neither hidden nor led.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,45 +25,64 @@ pub struct Margins {
     pub from_border: bool,
     /// Share of the edges beyond which nothing can be seen, 0..=1.
     pub unseen: f32,
+    /// Whether nothing can be seen beyond its tip.
+    pub tip_unseen: bool,
     /// How far an edge is from where the smooth blade has it, pixels, mean.
     pub waver_px: f32,
     /// How much its midrib turns while it advances by half of its width, radians, mean: at 1 its
     /// cross-sections meet.
     pub turning: f32,
+    /// The largest angle that its midrib has turned by in the image between two of its points, radians: more
+    /// than π where it curls back.
+    pub turned: f32,
 }
 
 /// How much the edges of a broad leaf wave, of its width.
 const WAVER: f32 = 0.05;
 
 impl Margins {
-    /// How little an outline is that of a blade, from 0: the sum of the squares of what is odd about it,
-    /// each over what blades hardly show. The less there is of an outline (`length_px`: of the midrib; `aspect`: length over width), the better it has to be.
-    pub fn oddity(&self, length_px: f32, aspect: f32) -> f32 {
-        self.oddity_but(self.cut, length_px, aspect)
+    /// How little it is that of a blade, from 0: the sum of the squares of what is odd about it, each over what
+    /// blades hardly show. The less there is of it, the better it has to be.
+    pub fn oddity(&self, evidence: &Evidence) -> f32 {
+        self.oddity_but(self.cut, evidence)
     }
 
     /// Near to which end of the depth window it is odd, and only there: 0 the nearest, 1 the farthest.
-    pub fn odd_at_window(&self, most: f32, length_px: f32, aspect: f32) -> Option<usize> {
+    pub fn odd_at_window(&self, most: f32, evidence: &Evidence) -> Option<usize> {
         let [near, far] = self.at_window;
         let end = usize::from(far > near);
-        let is_odd = self.oddity(length_px, aspect) > most;
-        (is_odd && self.oddity_but(self.cut - near - far, length_px, aspect) <= most).then_some(end)
+        let is_odd = self.oddity(evidence) > most;
+        (is_odd && self.oddity_but(self.cut - near - far, evidence) <= most).then_some(end)
     }
 
-    fn oddity_but(&self, cut: f32, length_px: f32, aspect: f32) -> f32 {
+    fn oddity_but(&self, cut: f32, evidence: &Evidence) -> f32 {
+        let Evidence { length_px, pixels_across, tip, tip_blunt, hidden, steepness, .. } = *evidence;
+        let aspect = evidence.length_m / evidence.max_width_m.max(f32::MIN_POSITIVE);
+        // What the border cuts off has no tip.
+        let shows_its_tip = pixels_across >= SHOWN_PX && tip != End::Shared;
+        // What narrows to a point ends there, whatever is beyond.
+        let is_lost = tip == End::Lost && self.tip_unseen && tip_blunt > 0.2;
         let width_px = length_px / aspect.max(f32::MIN_POSITIVE);
         let odd = [
             self.waver_px / (WAVER * width_px).clamp(0.6, 1.0),
             self.turning / 0.25,
-            cut / 0.4,
+            self.turned / 4.5,
+            cut / 0.3,
             self.unseen / 0.8,
             (1.0 - self.both) / 0.6,
+            hidden / 0.6,
+            steepness / 1.5,
+            if shows_its_tip { tip_blunt / 0.8 } else { 0.0 },
+            if is_lost { 0.4 } else { 0.0 },
             2.5 / aspect.max(f32::MIN_POSITIVE),
             20.0 / length_px.max(f32::MIN_POSITIVE),
         ];
         odd.iter().map(|odd| odd * odd).sum()
     }
 }
+
+/// Of a narrower blade it cannot be told whether it ends in a point, pixels across.
+pub(super) const SHOWN_PX: f32 = 6.0;
 
 /// What lies beyond an edge.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -102,7 +122,9 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
             let Some(edge) = edge else { continue };
             edges += 1.0;
             waver += (side * edge - expected.half_px).abs();
-            match beyond(mask, expected, edge, side, window_m) {
+            let from = expected.mid + expected.across * edge;
+            let surface = Surface { depth_m: expected.depth_at(edge), tolerance_m: expected.tolerance_m };
+            match beyond(mask, from, expected.across * side, surface, window_m) {
                 Beyond::Apart => {}
                 Beyond::Level => level += 1.0,
                 Beyond::Border => border += 1.0,
@@ -121,7 +143,9 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
     let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32);
     let at_border =
         |mid: Vec2| (mid.x - x0).min(mid.y - y0).min(x1 - 1.0 - mid.x).min(y1 - 1.0 - mid.y) < ROOT_PX;
+    let beyond_tip = beyond_tip(mask, ribbon, window_m);
     Margins {
+        tip_unseen: beyond_tip == [Beyond::Unseen; 3],
         both: share(both, sections),
         cut: share(level + border + at_window[0] + at_window[1], edges),
         at_window: at_window.map(|count| share(count, edges)),
@@ -130,20 +154,56 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
         unseen: share(unseen, edges),
         waver_px: share(waver, edges),
         turning: share(turning, turns),
+        turned: turned(&ribbon.sections),
     }
 }
 
-/// What is beyond an edge at `edge_px`, to one side (−1 left, 1 right).
-fn beyond(mask: &Mask, expected: &Expected, edge_px: f32, side: f32, [near, far]: [f32; 2]) -> Beyond {
+/// The largest angle between two of its directions, followed along it; radians.
+fn turned(sections: &[Section]) -> f32 {
+    const PLACES: usize = 32;
+    let last = sections.len().saturating_sub(1);
+    let places: Vec<Vec2> =
+        (0..=PLACES.min(last)).map(|k| sections[k * last / PLACES.min(last).max(1)].expected.mid).collect();
+    let (mut heading, mut least, mut most) = (0.0_f32, 0.0_f32, 0.0_f32);
+    for place in places.windows(3) {
+        heading += (place[1] - place[0]).angle_to(place[2] - place[1]);
+        (least, most) = (least.min(heading), most.max(heading));
+    }
+    most - least
+}
+
+/// What is beyond the tip of a ribbon, in its middle and to both sides of it.
+fn beyond_tip(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> [Beyond; 3] {
+    const BACK: usize = 12;
+    let sections = &ribbon.sections;
+    let tip = &sections[sections.len() - 1].expected;
+    let before = &sections[sections.len().saturating_sub(BACK + 1)].expected;
+    let way = (tip.mid - before.mid).normalize_or(tip.along());
+    [-0.5, 0.0, 0.5].map(|share| {
+        let aside = share * tip.half_px;
+        let surface = Surface { depth_m: tip.depth_at(aside), tolerance_m: tip.tolerance_m };
+        beyond(mask, tip.mid + tip.across * aside, way, surface, window_m)
+    })
+}
+
+/// The depth of a surface at its edge, metres, and how far a reading of it may lie from that.
+#[derive(Clone, Copy)]
+struct Surface {
+    depth_m: f32,
+    tolerance_m: f32,
+}
+
+/// What is beyond an edge of a surface at a place in the image, on a way outward, a unit vector.
+fn beyond(mask: &Mask, from: Vec2, way: Vec2, surface: Surface, [near, far]: [f32; 2]) -> Beyond {
     const REACH_PX: i32 = 12;
     // An edge is smeared over so many pixels, whose depth is between that of both sides.
     const SMEAR_PX: i32 = 3;
-    let depth = expected.depth_at(edge_px);
-    let limit = depth_step_m(depth);
-    let at_limit = if depth > far - limit { Some(1) } else { (depth < near + limit).then_some(0) };
+    let Surface { depth_m, tolerance_m } = surface;
+    let limit = depth_step_m(depth_m);
+    let at_limit = if depth_m > far - limit { Some(1) } else { (depth_m < near + limit).then_some(0) };
     let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32);
     for k in 1..=REACH_PX {
-        let point = expected.mid + expected.across * (edge_px + side * k as f32);
+        let point = from + way * k as f32;
         if point.x < x0 || point.y < y0 || point.x > x1 - 1.0 || point.y > y1 - 1.0 {
             return Beyond::Border;
         }
@@ -156,8 +216,8 @@ fn beyond(mask: &Mask, expected: &Expected, edge_px: f32, side: f32, [near, far]
             // A reading outside of the window.
             return at_limit.map_or(Beyond::Apart, Beyond::Window);
         }
-        let alike = (seen - depth).abs() <= expected.tolerance_m;
-        if k > SMEAR_PX || !alike && seen < depth {
+        let alike = (seen - depth_m).abs() <= tolerance_m;
+        if k > SMEAR_PX || !alike && seen < depth_m {
             return if alike { Beyond::Level } else { Beyond::Apart };
         }
     }
@@ -170,8 +230,8 @@ mod tests {
     use crate::frame::{CameraModel, DepthFrame};
     use crate::stages::accumulate::Accumulation;
     use crate::stages::mask::{self, MaskParams};
-    use crate::stages::ribbon::{ANCHOR, End};
-    use crate::stages::section::Fold;
+    use crate::stages::ribbon::ANCHOR;
+    use crate::stages::section::{Expected, Fold, Measured};
 
     /// A strip 11 pixels wide at 0.5 m, its edges moved by `waver` pixels here and there, before `behind`
     /// (depth in millimetres at each pixel).
@@ -210,11 +270,16 @@ mod tests {
         look(&mask, &ribbon, [params.near_m as f32, params.far_m as f32])
     }
 
+    /// Its oddity, were it 80 pixels long and 10 wide.
+    fn oddity(margins: &Margins) -> f32 {
+        margins.oddity(&Evidence { length_px: 80.0, length_m: 0.08, max_width_m: 0.01, ..Evidence::good() })
+    }
+
     #[test]
     fn a_blade_before_a_wall_is_not_odd() {
         let free = margins(0, |_, _| 1500);
         assert_eq!((free.both, free.cut, free.unseen, free.turning), (1.0, 0.0, 0.0, 0.0));
-        assert!(free.waver_px < 0.6 && free.oddity(80.0, 8.0) < 1.0, "{free:?}");
+        assert!(free.waver_px < 0.6 && oddity(&free) < 1.0, "{free:?}");
     }
 
     #[test]
@@ -226,7 +291,7 @@ mod tests {
     #[test]
     fn a_surface_that_goes_on_beyond_a_gap_has_no_edge_there() {
         let holed = margins(0, |x, _| if (29..52).contains(&x) { 0 } else { 500 });
-        assert!(holed.cut > 0.9 && holed.oddity(80.0, 8.0) > 3.0, "{holed:?}");
+        assert!(holed.cut > 0.9 && oddity(&holed) > 3.0, "{holed:?}");
     }
 
     #[test]
@@ -234,14 +299,59 @@ mod tests {
         let (even, ragged) = (margins(0, |_, _| 0), margins(3, |_, _| 0));
         assert_eq!(even.unseen, 1.0, "nothing is seen beside it");
         assert!(ragged.waver_px > even.waver_px + 0.8, "{ragged:?}");
-        assert!(even.oddity(80.0, 8.0) < 2.0, "a dark room makes no blade odd: {even:?}");
-        assert!(ragged.oddity(80.0, 8.0) > even.oddity(80.0, 8.0) + 2.0, "{ragged:?}");
+        assert!(oddity(&even) < 2.0, "a dark room makes no blade odd: {even:?}");
+        assert!(oddity(&ragged) > oddity(&even) + 2.0, "{ragged:?}");
+    }
+
+    #[test]
+    fn what_ends_as_broad_as_it_is_where_nothing_is_seen_is_odd() {
+        let margins = margins(0, |_, _| 1500);
+        let piece = Evidence { tip: End::Lost, tip_blunt: 1.0, ..Evidence::good() };
+        let [clear, lost] = [false, true].map(|tip_unseen| Margins { tip_unseen, ..margins }.oddity(&piece));
+        let pointed = margins.oddity(&Evidence::good());
+        assert!(clear > pointed + 1.0 && lost > clear + 0.1, "{pointed} {clear} {lost}");
+        // Who holds up a cut leaf may.
+        assert!(clear < 2.4, "{clear}");
+        let thin = Evidence { pixels_across: 4.0, ..piece };
+        assert!(margins.oddity(&thin) < pointed + 0.1, "of a thin blade that cannot be told");
+    }
+
+    #[test]
+    fn a_midrib_that_curls_back_has_turned_by_more_than_half_a_circle() {
+        let section = |angle: f32| {
+            let expected = Expected {
+                mid: 20.0 * Vec2::from_angle(angle),
+                across: Vec2::from_angle(angle),
+                half_px: 3.0,
+                depth_m: 0.5,
+                slope_m: 0.0,
+                fold: Fold::default(),
+                tolerance_m: 0.004,
+                search_px: 4.0,
+            };
+            let measured = Measured::nothing(Middle::Unseen);
+            Section { expected, measured, anchor: ANCHOR, guide_px: None }
+        };
+        let arc =
+            |angle: f32| -> Vec<Section> { (0..=90).map(|k| section(angle * k as f32 / 90.0)).collect() };
+        for angle in [0.5, 2.0, 4.5] {
+            assert!((turned(&arc(angle)) - angle).abs() < 0.1 * angle, "{} for {angle}", turned(&arc(angle)));
+        }
+        assert_eq!(turned(&arc(1.0)[..1]), 0.0);
     }
 
     #[test]
     fn a_broad_leaf_may_wave_more() {
         let wavy = Margins { waver_px: 0.85, ..margins(0, |_, _| 1500) };
-        let odd = |width_px: f32| wavy.oddity(100.0, 100.0 / width_px);
+        let odd = |width_px: f32| {
+            let wide = Evidence {
+                length_px: 100.0,
+                length_m: 0.1,
+                max_width_m: 0.001 * width_px,
+                ..Evidence::good()
+            };
+            wavy.oddity(&wide)
+        };
         assert!(odd(8.0) - odd(17.0) > 0.8, "{} and {}", odd(8.0), odd(17.0));
     }
 }

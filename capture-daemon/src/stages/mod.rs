@@ -17,6 +17,7 @@ pub mod cover;
 pub mod crease;
 mod crossing;
 pub mod hand;
+mod hook;
 mod join;
 pub mod lift;
 pub mod margin;

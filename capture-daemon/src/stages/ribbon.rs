@@ -8,6 +8,7 @@ use super::behind;
 use super::blob::Field;
 use super::crease;
 use super::crossing;
+use super::hook::{doubled_back, unhook, way};
 use super::join::join;
 use super::mask::Mask;
 use super::overhang;
@@ -302,12 +303,12 @@ pub(super) fn extend(
     params: &RibbonParams,
     fits: impl Fn(&Section) -> bool,
 ) -> End {
+    unhook(sections);
     let mut seen = sections.len();
     let (mut hidden, mut unseen, mut gone) = (0, 0, 0);
     // The last section that stood clear of all others, and how far it is back.
     let (mut clear, mut unclear) = (sections.len(), 0.0);
     let mut trend = Trend::of(sections);
-    // The very last sections of an outline may hook.
     let outward = way(sections, sections.len() - 1, 24);
     let end = loop {
         let coasted = sections.len() - seen;
@@ -379,23 +380,6 @@ pub(super) fn extend(
     };
     sections.truncate(seen);
     end
-}
-
-/// Unit vector along the `count` sections before a section, towards it.
-fn way(sections: &[Section], last: usize, count: usize) -> Vec2 {
-    (sections[last].expected.mid - sections[last.saturating_sub(count)].expected.mid).normalize_or_zero()
-}
-
-/// The section that the last one lies on again, on its way back over the blade that it came from.
-fn doubled_back(sections: &[Section]) -> Option<usize> {
-    let last = sections.len() - 1;
-    let Expected { mid, half_px, .. } = sections[last].expected;
-    let back = way(sections, last, 4);
-    let apart = 8 + (4.0 * half_px) as usize;
-    (0..last.saturating_sub(apart)).rev().find(|before| {
-        let near = sections[*before].expected.mid.distance_squared(mid) < half_px * half_px;
-        near && way(sections, *before, 4).dot(back) < -0.5
-    })
 }
 
 /// Whether what comes out from behind something looks like the blade that went in.

@@ -176,6 +176,11 @@ impl<'a> Line<'a> {
 }
 
 impl Expected {
+    /// Unit vector along the midrib, onward.
+    pub(super) fn along(&self) -> Vec2 {
+        Vec2::new(self.across.y, -self.across.x)
+    }
+
     /// Depth at an offset along `across`, metres.
     pub(super) fn depth_at(&self, t: f32) -> f32 {
         let Fold { at_px, slope_m } = self.fold;

@@ -193,7 +193,7 @@ fn end(mask: &Mask, sections: &[Section], last: usize, inward: isize) -> Found {
 
 /// Sections at an end that turn into its corner more tightly than a blade bends. `at`: sections from the
 /// end inward, of which there are `count`.
-fn curl<'a>(at: &impl Fn(usize) -> &'a Expected, count: usize) -> usize {
+pub(super) fn curl<'a>(at: &impl Fn(usize) -> &'a Expected, count: usize) -> usize {
     const APART: usize = 4;
     /// Turn over half of the width, radians ([`super::margin::Margins::turning`]).
     const TIGHT: f32 = 0.2;

@@ -119,9 +119,10 @@ pub(crate) fn capture(scene: &[Painted]) -> Option<Capture> {
     capture_under(scene, SessionParams::default())
 }
 
-/// The same of the first frame that shows something.
-pub(crate) fn capture_at_once(scene: &[Painted]) -> Option<Capture> {
+/// The same of the first frame that shows something, of blades that score so much at least.
+pub(crate) fn capture_at_once(scene: &[Painted], min_score: f32) -> Option<Capture> {
     let mut params = SessionParams::default();
+    params.pipeline.accept.min_score = min_score;
     params.station.hold_s = 0.0;
     capture_under(scene, params)
 }

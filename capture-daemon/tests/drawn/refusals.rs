@@ -1,5 +1,6 @@
-//! What a visitor is told, by scenes that bring it about at default configuration, `unsure` in single frames.
-//! One code is not here: `no_shape`, which guards the library against knots that no scene is known to give.
+//! What a visitor is told, by scenes that bring it about at default configuration, `unsure` in single frames of
+//! which more is asked. One code is not here: `no_shape`, which guards the library against midribs that come back
+//! over their own blade.
 
 use glam::DVec2;
 
@@ -83,14 +84,22 @@ fn what_is_hardly_seen_is_told_so() {
 #[test]
 fn what_is_not_seen_well_enough_in_a_single_frame_is_told_so() {
     // It leans away from the camera, its base and one of its edges behind another blade.
-    let root = DVec2::new(320.0, 340.0);
-    let leaning = Strip { root, lean: 0.1, length_px: 160.0, width_px: 20.0, slant: 0.0 };
-    let leaning = sloping(leaning.outline(), |point| 530.0 + 2.2 * (340.0 - point.y));
-    let corners = [(310.0, 420.0), (296.0, 250.0), (306.0, 120.0), (322.0, 250.0), (330.0, 420.0)];
-    let before = flat(corners.map(|(x, y)| DVec2::new(x, y)).to_vec(), 470.0);
-    let capture = capture_at_once(&[leaning, before]).expect("something is there");
-    let codes: Vec<&str> = capture.steps.refused.iter().map(|refusal| refusal.code()).collect();
-    assert_eq!((capture.steps.blades.len(), &codes[..]), (1, &["unsure"][..]));
+    let scene = || {
+        let root = DVec2::new(320.0, 340.0);
+        let leaning = Strip { root, lean: 0.1, length_px: 160.0, width_px: 20.0, slant: 0.0 };
+        let leaning = sloping(leaning.outline(), |point| 530.0 + 2.2 * (340.0 - point.y));
+        let corners = [(310.0, 420.0), (296.0, 250.0), (306.0, 120.0), (322.0, 250.0), (330.0, 420.0)];
+        [leaning, flat(corners.map(|(x, y)| DVec2::new(x, y)).to_vec(), 470.0)]
+    };
+    let given = capture_at_once(&scene(), 0.05).expect("something is there");
+    let mut scores: Vec<f32> = given.steps.blades.iter().map(|blade| blade.quality.score).collect();
+    scores.sort_by(f32::total_cmp);
+    assert!(matches!(scores[..], [unsure, sure] if unsure < 0.3 && sure > 0.5), "{scores:?}");
+    let unsure = given.steps.blades.iter().find(|blade| blade.quality.score < 0.3).expect("one of both");
+    assert!(unsure.quality.length_error_m > 0.1 * unsure.blade.length_m(), "{:?}", unsure.quality);
+    let asked = capture_at_once(&scene(), 0.3).expect("something is there");
+    let codes: Vec<&str> = asked.steps.refused.iter().map(|refusal| refusal.code()).collect();
+    assert_eq!((asked.steps.blades.len(), &codes[..]), (1, &["unsure"][..]));
 }
 
 #[test]
