@@ -85,7 +85,7 @@ fn beside_crumb(between: Option<Painted>) -> Vec<Vec<DVec2>> {
     ]);
     let crumb = strip(&[(334.3, 202.2), (335.3, 212.2), (335.3, 224.2)], 4.0);
     let scene: Vec<Painted> = between.into_iter().chain([flat(leaf, 600.0), flat(crumb, 630.0)]).collect();
-    midribs(&capture_at_once(&scene).expect("something is there"))
+    midribs(&capture_at_once(&scene, 0.05).expect("something is there"))
 }
 
 #[test]
