@@ -59,7 +59,7 @@ impl Margins {
         let Evidence { length_px, pixels_across, tip, tip_blunt, hidden, steepness, .. } = *evidence;
         let aspect = evidence.length_m / evidence.max_width_m.max(f32::MIN_POSITIVE);
         // What the border cuts off has no tip.
-        let shows_its_tip = pixels_across >= SHOWN_PX && tip != End::Shared;
+        let shows_its_tip = tip_blunt * pixels_across >= SHOWN_PX && tip != End::Shared;
         // What narrows to a point ends there, whatever is beyond.
         let is_lost = tip == End::Lost && self.tip_unseen && tip_blunt > 0.2;
         let width_px = length_px / aspect.max(f32::MIN_POSITIVE);
@@ -67,7 +67,7 @@ impl Margins {
             self.waver_px / (WAVER * width_px).clamp(0.6, 1.0),
             self.turning / 0.25,
             self.turned / 4.5,
-            cut / 0.3,
+            cut / 0.4,
             self.unseen / 0.8,
             (1.0 - self.both) / 0.6,
             hidden / 0.6,
@@ -81,7 +81,7 @@ impl Margins {
     }
 }
 
-/// Of a narrower blade it cannot be told whether it ends in a point, pixels across.
+/// Of what is narrower it cannot be told whether it ends in a point, pixels across.
 pub(super) const SHOWN_PX: f32 = 6.0;
 
 /// What lies beyond an edge.
