@@ -123,7 +123,7 @@ fn what_is_no_recording_is_refused_with_one_sentence() {
     check("text.mcap", b"fx = 570\n", "a text file");
     check("empty.mcap", b"", "an empty file");
     check("short.mcap", b"\x89MCA", "cut off");
-    check("magic.mcap", b"\x89MCAP0\r\n", "no depth images");
+    check("magic.mcap", b"\x89MCAP0\r\n", "before its first image");
     check("other.mcap", &[0, 1, 2, 3, 200, 201, 202, 203, 204], "another kind");
     check("session.oni", b"NI10 and more", "OpenNI");
     check("a.png", b"\x89PNG\r\n\x1a\n", "give its folder");
