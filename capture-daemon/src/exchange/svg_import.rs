@@ -2,7 +2,7 @@
 //!
 //! Each closed path is a blade. Its midrib is the open path inside of it whose id begins with `midrib`; without
 //! one it is found as that of a blade before the camera: the outline is drawn as a depth image and goes through the
-//! capture stages. Widths are those of the drawn curves, not of pixels. What a blade is called: [`super::labels`].
+//! capture stages. Widths are those of the drawn curves, not of pixels. What a blade is called: `exchange/labels.rs`.
 
 use common::blade::{Blade, BladeError, BladeId, Knot, MAX_NAME_BYTES};
 use common::geometry::polyline;
