@@ -52,6 +52,16 @@ impl Lifted {
         const ALONG: f32 = 4.0;
         let knots = &self.knots_in_camera;
         let apart_m = self.length_m / (knots.len().max(2) - 1) as f32;
+        // One that always advances by half of what it is long comes back nowhere.
+        let [Some(first), Some(last)] = [knots.first(), knots.last()] else { return false };
+        let ahead = (last.position - first.position).normalize_or_zero();
+        let advances = |pair: &[Knot]| {
+            let step = pair[1].position - pair[0].position;
+            step.dot(ahead) >= 0.5 * step.length()
+        };
+        if knots.windows(2).all(advances) {
+            return false;
+        }
         knots.iter().enumerate().any(|(i, earlier)| {
             knots.iter().enumerate().skip(i + 1).any(|(j, later)| {
                 let half_m = 0.5 * earlier.width().max(later.width());

@@ -1,7 +1,5 @@
 //! One blade that was followed from both of its ends, put together again: blades do not branch.
 
-use glam::Vec2;
-
 use super::join::bridge;
 use super::mask::Mask;
 use super::ribbon::{End, Ribbon, Section, reverse, tolerance_m};
@@ -17,6 +15,9 @@ const MIN_SECTIONS: usize = 12;
 const REACH: usize = 8;
 /// Cosine of the largest angle between both where they meet.
 const TURNED: f32 = -0.5;
+
+/// Cosine of the least angle between two stretches that run against each other.
+const AGAINST: f32 = -0.8;
 
 /// Where one ribbon goes on as another one.
 struct Seam {
@@ -59,11 +60,16 @@ fn unfold(mask: &Mask, Ribbon { sections, tip, .. }: &mut Ribbon) {
     if n < 4 * MIN_SECTIONS {
         return;
     }
+    // Two that run against each other do not both lie within half of that angle of the first one.
+    let first = along(0).normalize_or_zero();
+    if (0..n).all(|i| along(i).normalize_or_zero().dot(first) > (0.5 * AGAINST.acos()).cos()) {
+        return;
+    }
     // What leads back may hook, lie a little aside, or go on beyond the root.
     let back = (n / 2..n).rev().find_map(|last| {
         let before = &sections[..last - 2 * MIN_SECTIONS];
         let at = nearest_on(mask, before, &sections[last])?;
-        (along(at).normalize_or_zero().dot(along(last).normalize_or_zero()) < -0.8).then_some((at, last))
+        (along(at).normalize_or_zero().dot(along(last).normalize_or_zero()) < AGAINST).then_some((at, last))
     });
     let Some((first, last)) = back else { return };
     let turn = first.midpoint(last);
@@ -129,10 +135,9 @@ fn seam(mask: &Mask, ribbons: &[Ribbon], [i, k]: [usize; 2], turned: bool) -> Op
 
 /// The one of these sections nearest to another one that lies on them.
 fn nearest_on(mask: &Mask, sections: &[Section], section: &Section) -> Option<usize> {
-    let Vec2 { x, y } = section.expected.mid;
-    let away = |own: &Section| (own.expected.mid - Vec2::new(x, y)).length();
+    let away = |own: &Section| own.expected.mid.distance_squared(section.expected.mid);
     let (nearest, own) = sections.iter().enumerate().min_by(|a, b| away(a.1).total_cmp(&away(b.1)))?;
-    let near = away(own) < own.expected.half_px.max(1.0) + 0.5;
+    let near = away(own).sqrt() < own.expected.half_px.max(1.0) + 0.5;
     let off_m = (own.expected.depth_m - section.expected.depth_m).abs();
     (near && off_m < 3.0 * tolerance_m(mask)).then_some(nearest)
 }
@@ -144,6 +149,7 @@ mod tests {
     use crate::stages::mask::{self, MaskParams};
     use crate::stages::ribbon::ANCHOR;
     use crate::stages::section::{Expected, Fold, Measured, Middle};
+    use glam::Vec2;
 
     /// A leaf that rises, bends over to the right and hangs down: its midrib a pixel apart.
     fn arch(k: usize) -> Vec2 {

@@ -22,6 +22,8 @@ const MAX_AREA: usize = 1000;
 /// A gap may be so much longer, pixels, than so many lengths of what lies beyond it.
 const SHORT_GAP_PX: f32 = 4.0;
 const GAP_LENGTHS: f32 = 2.0;
+/// The way to a crumb starts from pixels of the blade so near to the edge of its last section's circle, pixels.
+const NEAR_PX: f32 = 3.0;
 /// A trail shows where the blade runs if it is no broader than the blade and so much to either side, pixels.
 const MARGIN_PX: f32 = 3.0;
 /// Metres of depth that a blade gains at most for a metre across the picture, and what its readings may be off.
@@ -42,9 +44,8 @@ const STRAIGHT: f32 = 0.9;
 pub(super) fn follow(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams) {
     const ROUNDS: usize = 4;
     for _ in 0..ROUNDS {
-        let owners = Owners::of(mask, ribbons);
-        let tips = ribbons.iter().enumerate().filter(|(_, ribbon)| ribbon.tip != End::Shared);
-        let mut found: Vec<(usize, Crumb)> = tips
+        let owners = Owners::of(mask, ribbons, params);
+        let mut found: Vec<(usize, Crumb)> = with_open_tips(ribbons)
             .filter_map(|(i, ribbon)| Some((i, Crumb::beyond(mask, &owners, i, ribbon, params)?)))
             .collect();
         if found.is_empty() {
@@ -61,13 +62,22 @@ pub(super) fn follow(mask: &Mask, ribbons: &mut [Ribbon], params: &RibbonParams)
     }
 }
 
+fn with_open_tips(ribbons: &[Ribbon]) -> impl Iterator<Item = (usize, &Ribbon)> {
+    ribbons.iter().enumerate().filter(|(_, ribbon)| ribbon.tip != End::Shared)
+}
+
 /// The ribbon that each pixel is of, and one more; 0 for none.
 struct Owners(Vec<u32>);
 
 impl Owners {
     /// Ribbons that may be crumbs own nothing.
-    fn of(mask: &Mask, ribbons: &[Ribbon]) -> Self {
+    /// Only as far from a tip as crumbs are looked for.
+    fn of(mask: &Mask, ribbons: &[Ribbon], params: &RibbonParams) -> Self {
         const BESIDE_PX: f32 = 1.5;
+        let tips: Vec<Expected> = with_open_tips(ribbons)
+            .filter_map(|(_, ribbon)| Some(ribbon.sections.last()?.expected))
+            .collect();
+        let away_px = NEAR_PX + (params.unseen_px + MAX_LENGTH + 4) as f32;
         let mut of = vec![0; mask.depth_m.len()];
         let longest = ribbons.iter().map(|ribbon| ribbon.sections.len()).max().unwrap_or(0);
         let blobs = |ribbon: &Ribbon| -> BTreeSet<u16> {
@@ -85,6 +95,10 @@ impl Owners {
                 continue;
             }
             for (k, Section { expected, .. }) in ribbon.sections.iter().enumerate() {
+                let reach_px = |tip: &Expected| away_px + tip.half_px + 2.0 * (expected.half_px + BESIDE_PX);
+                if !tips.iter().any(|tip| (tip.mid - expected.mid).abs().max_element() < reach_px(tip)) {
+                    continue;
+                }
                 // Beyond its last section there is a little more of a tip.
                 let ahead = if k + 1 == length { 2 + expected.half_px as i32 } else { 0 };
                 let along = Vec2::new(expected.across.y, -expected.across.x);
@@ -93,6 +107,9 @@ impl Owners {
                     let aside = 0.5 * k as f32;
                     let point = expected.mid + expected.across * aside + along * ahead as f32;
                     let Some(index) = mask.index_at(point) else { continue };
+                    if of[index] == i as u32 + 1 {
+                        continue;
+                    }
                     let off_m = (mask.depth_m[index] - expected.depth_at(aside)).abs();
                     if is_held(mask, index) && off_m < 3.0 * tolerance_m(mask) {
                         of[index] = i as u32 + 1;
@@ -135,7 +152,7 @@ impl Crumb {
     ) -> Option<Self> {
         let last = sections.last()?;
         let (tip, start) = (last.expected, mask.index_at(last.expected.mid)?);
-        let near_px = tip.half_px + 3.0;
+        let near_px = tip.half_px + NEAR_PX;
         // The way over pixels without readings: how many of them to each, and the one before.
         let mut ways: BTreeMap<usize, (usize, usize)> = BTreeMap::from([(start, (0, start))]);
         let mut front = VecDeque::from([start]);
