@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError};
 use std::time::{Duration, Instant};
 
+use common::preview;
 use common::protocol::{CaptureReply, StationError, Status};
 use tokio::sync::{oneshot, watch};
 
@@ -164,6 +165,7 @@ impl Frames {
                     let is_hopeful = wait < LONGEST_RETRY && self.config.source.recording.is_some();
                     let message = if is_hopeful { Message::Reconnecting } else { Message::CallStaff };
                     self.previewer.no_source(message, &self.params.pipeline.mask);
+                    self.say_state(preview::State::NoSource.name());
                     if !self.attend(wait) {
                         return;
                     }
@@ -303,12 +305,17 @@ impl Frames {
 
     fn count_frame(&mut self) {
         self.rate.frames += 1;
-        let state = self.session.state().name();
-        self.status.send_modify(|status| {
-            status.frames += 1;
-            if status.state != state {
+        self.status.send_modify(|status| status.frames += 1);
+        self.say_state(self.session.state().name());
+    }
+
+    fn say_state(&self, state: &str) {
+        self.status.send_if_modified(|status| {
+            let is_other = status.state != state;
+            if is_other {
                 state.clone_into(&mut status.state);
             }
+            is_other
         });
     }
 

@@ -47,7 +47,7 @@ pub struct Preview {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, introspect::CustomType)]
 #[zlink(crate = "zlink_core")]
 pub struct Status {
-    /// `waiting`, `settling` or `captured`.
+    /// `no_source`, `waiting`, `settling` or `captured`.
     pub state: String,
     /// Generation of the newest library; 0 before the first.
     pub generation: i64,

@@ -11,7 +11,7 @@ use common::library::library_hash;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use tests::daemon::Daemon;
-use tests::programs::Program;
+use tests::programs::{DEADLINE, Program, wait_for};
 use tests::shipped_recording;
 
 /// Two visitors after each other, each with a blade: the frames of two synthetic recordings in one
@@ -115,6 +115,14 @@ fn a_daemon_that_is_asked_to_end_ends_and_takes_its_socket_with_it() {
 #[test]
 fn the_station_serves_the_interface_of_its_file() {
     assert_eq!(on_the_shipped_recording().connect().description(), common::protocol::DEFINITION);
+}
+
+#[test]
+fn a_recording_that_is_over_is_no_source() {
+    let daemon = Daemon::start(&[("source.rate", "0.0".to_owned()), ("source.loop", "false".to_owned())]);
+    let mut station = daemon.connect();
+    wait_for(DEADLINE, || (station.status()["state"] == "no_source").then_some(())).expect("it is over");
+    assert!(station.status()["frames"].as_u64() > Some(0), "{}", station.status());
 }
 
 #[test]

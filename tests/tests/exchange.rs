@@ -3,6 +3,7 @@
 use std::fs;
 
 use tests::daemon::Daemon;
+use tests::programs::{DEADLINE, wait_for};
 
 /// A blade drawn in millimetres, `half` wide to both sides of x, 100 long.
 fn drawing(id: &str, half: f32) -> String {
@@ -56,6 +57,23 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
     assert!((width_mm("fern") - 18.0).abs() < 0.4, "{} mm", width_mm("fern"));
     done(&["restore", "fern"]);
     assert!((width_mm("fern") - 9.0).abs() < 0.2, "{} mm", width_mm("fern"));
+
+    // Its weight and its pin are not the drawing's to change.
+    let own = daemon.blades().join("fern.toml");
+    let text = fs::read_to_string(&own).expect("there");
+    let weighed = text.replace("mix = 1.0", "mix = 7.0").replace("pinned = false", "pinned = true");
+    assert_ne!(weighed, text);
+    fs::write(&own, weighed).expect("room");
+    let kept = || {
+        let shown: serde_json::Value =
+            serde_json::from_str(&done(&["show", "fern", "--json"])).expect("JSON");
+        (shown["mix"].as_f64(), shown["pinned"].as_bool())
+    };
+    wait_for(DEADLINE, || (kept() == (Some(7.0), Some(true))).then_some(())).expect("it is read again");
+    fs::write(file("fern.svg"), drawing("fern", 8.0)).expect("room");
+    done(&["import", &file("fern.svg")]);
+    assert!((width_mm("fern") - 12.0).abs() < 0.3, "{} mm", width_mm("fern"));
+    assert_eq!(kept(), (Some(7.0), Some(true)));
 
     assert!(done(&["show", "fern"]).contains("captured  20"), "a date: {}", done(&["show", "fern"]));
     let own = daemon.blades().join("fern.toml").display().to_string();

@@ -7,8 +7,8 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
-use common::blade::{Blade, MAX_NAME_BYTES};
-use common::protocol::{MAX_MESSAGE_BYTES, StationError};
+use common::blade::{Blade, BladeError, MAX_NAME_BYTES};
+use common::protocol::{Blade as Listed, MAX_MESSAGE_BYTES, StationError};
 use common::station::{self, StationProxy};
 use serde_json::json;
 
@@ -101,14 +101,13 @@ pub(super) fn import(
     if text.len() > svg_import::MAX_BYTES {
         return Err(bad("it is too long; expected 4 MB at most".into()).into());
     }
-    let blades: Vec<(String, String)> = if kind == "svg" {
+    let blades: Vec<(String, Import)> = if kind == "svg" {
         let unix_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_nanos() as u64);
         let length_m = length_mm.map(|mm| mm * 1e-3);
         let params = ImportParams { length_m, unix_ns, ..ImportParams::default() };
         let drawn = svg_import::read(&text, &params).map_err(|error| bad(error.to_string()))?;
         let names = distinct(drawn.iter().map(|blade| fit_for_a_file(blade.name())).collect());
-        let file_of = |(name, blade): (String, Blade)| (name, record(blade, &shown).to_toml());
-        names.into_iter().zip(drawn).map(file_of).collect()
+        names.into_iter().zip(drawn.into_iter().map(Import::Drawn)).collect()
     } else if length_mm.is_some() {
         return Err(bad("a blade's own file has its length; --length-mm is for drawings".into()).into());
     } else {
@@ -117,24 +116,31 @@ pub(super) fn import(
         })?;
         let stem = file.file_stem().and_then(|stem| stem.to_str()).or(name);
         let stem = stem.ok_or_else(|| bad("its name is not UTF-8; give the blade's with --name".into()))?;
-        vec![(stem.to_owned(), text)]
+        vec![(stem.to_owned(), Import::File(text))]
     };
     if name.is_some() && blades.len() != 1 {
         return Err(bad(format!("it holds {} blades; --name is for a single one", blades.len())).into());
     }
     let mut station = Station::connect(args)?;
-    let mut put = |own: &str, text: &str| {
+    let there = station.call(async |station| station.list_blades().await)?.blades;
+    let mut put = |own: &str, import: Import| {
         let name = name.unwrap_or(own);
-        fits(name, text).map_err(&bad)?;
-        station.call(async |station| station.put_blade(name, text).await)
+        let text = match import {
+            Import::File(text) => text,
+            Import::Drawn(blade) => {
+                let before = there.iter().find(|before| before.name == name);
+                record(blade, &shown, before).map_err(|error| bad(error.to_string()))?.to_toml()
+            }
+        };
+        fits(name, &text).map_err(&bad)?;
+        station.call(async |station| station.put_blade(name, &text).await)
     };
-    if let [(own, text)] = &blades[..] {
-        return Ok(put(own, text)?);
-    }
+    let all = blades.len();
     let mut failed = Vec::new();
-    for (own, text) in &blades {
-        match put(own, text) {
+    for (own, import) in blades {
+        match put(&own, import) {
             Ok(()) => {}
+            Err(error) if all == 1 => return Err(error.into()),
             Err(error @ (ClientError::Refused(_) | ClientError::BadFile { .. })) => {
                 failed.push(format!("{own:?}: {error}"));
             }
@@ -145,7 +151,7 @@ pub(super) fn import(
     if failed.is_empty() {
         return Ok(());
     }
-    let (number, all, reasons) = (failed.len(), blades.len(), failed.join("; "));
+    let (number, reasons) = (failed.len(), failed.join("; "));
     bail!(
         "{shown}: {number} of its {all} blades were not put into the library: {reasons}; the others are in it"
     )
@@ -164,9 +170,24 @@ fn fits(name: &str, text: &str) -> Result<(), String> {
     ))
 }
 
-fn record(blade: Blade, source: &str) -> Record {
+/// What is put into the library.
+enum Import {
+    /// A blade's own file, as it is.
+    File(String),
+    /// A blade from a drawing.
+    Drawn(Blade),
+}
+
+/// The file of a blade from a drawing. Another shape in the place of a blade leaves that one's weight, and whether
+/// it is pinned, as they are.
+fn record(blade: Blade, source: &str, before: Option<&Listed>) -> Result<Record, BladeError> {
     let provenance = Provenance { source: Some(source.to_owned()), ..Provenance::default() };
-    Record { blade, pinned: false, sequence: None, measured: None, provenance }
+    let blade = match before {
+        Some(before) => blade.with_mix(before.mix as f32)?,
+        None => blade,
+    };
+    let pinned = before.is_some_and(|before| before.pinned);
+    Ok(Record { blade, pinned, sequence: None, measured: None, provenance })
 }
 
 /// Names of which no two are alike: the second of a name gets `-2` behind it, and so on, said in the log.
