@@ -89,10 +89,7 @@ fn way(mask: &Mask, sections: &[Section], from: Vec2, from_m: f32) -> Option<Vec
                 ..like.expected
             };
             let anchor = if k == 0 { 1.0 } else { WEIGHT };
-            let guide_px = Some(expected.half_px);
-            let mut section = Section { expected, measured: expected.measure(mask), anchor, guide_px };
-            section.doubt();
-            section
+            Section::led(mask, expected, anchor)
         })
         .collect();
     let open = led.iter().filter(|section| is_open(mask, section)).count();

@@ -184,7 +184,8 @@ fn together(weights: &[f32], causes_m: &[f32]) -> f32 {
     weights.iter().zip(causes_m).map(|(weight, cause)| (weight * cause).powi(2)).sum::<f32>().sqrt()
 }
 
-// Fitted as the example `calibrate` does, to the clips of seeds 1 to 90 of each family.
+// Fitted as `calibrate 90` does, at an earlier state of the stages: it would print others now. How well these hold,
+// `calibrate --check` says.
 const LENGTH: [f32; LENGTH_CAUSES.len()] = [
     0.0624, // pixels
     0.0933, // pixels over root of frames

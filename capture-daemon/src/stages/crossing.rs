@@ -136,14 +136,7 @@ fn way(mask: &Mask, from: &Ray, to: &Ray, like: &Expected) -> Vec<Section> {
                 depth_m: from.depth_m * a + to.depth_m * b + from.climb_m * c - to.climb_m * d,
                 ..*like
             };
-            let mut section = Section {
-                expected,
-                measured: expected.measure(mask),
-                anchor: ANCHOR,
-                guide_px: Some(expected.half_px),
-            };
-            section.doubt();
-            section
+            Section::led(mask, expected, ANCHOR)
         })
         .collect()
 }

@@ -121,10 +121,7 @@ pub(super) fn turned(mask: &Mask, mut sections: Vec<Section>, base: Vec2) -> Vec
                 ..first.expected
             };
             let anchor = if k == 0 { 1.0 } else { WEIGHT };
-            let guide_px = Some(expected.half_px);
-            let mut section = Section { expected, measured: expected.measure(mask), anchor, guide_px };
-            section.doubt();
-            section
+            Section::led(mask, expected, anchor)
         })
         .collect();
     led.append(&mut sections);

@@ -257,6 +257,14 @@ impl Section {
         usize::from(self.measured.left_px.is_some()) + usize::from(self.measured.right_px.is_some())
     }
 
+    /// One where its blade must pass rather than where it was seen.
+    pub(super) fn led(mask: &Mask, expected: Expected, anchor: f32) -> Self {
+        let guide_px = Some(expected.half_px);
+        let mut section = Self { expected, measured: expected.measure(mask), anchor, guide_px };
+        section.doubt();
+        section
+    }
+
     /// Forgets edges that are not where a blade that passes here has them.
     pub(super) fn doubt(&mut self) {
         let Some(half) = self.guide_px else { return };

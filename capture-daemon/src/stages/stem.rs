@@ -383,15 +383,8 @@ fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize]) {
             depth_m: if seen > 0.0 { seen } else { like.expected.depth_m },
             ..like.expected
         };
-        let guide_px = Some(expected.half_px);
-        let mut section = Section {
-            expected,
-            measured: expected.measure(mask),
-            anchor: if k + 1 == way.len() { 1.0 } else { WEIGHT },
-            guide_px,
-        };
-        section.doubt();
-        led.push(section);
+        let anchor = if k + 1 == way.len() { 1.0 } else { WEIGHT };
+        led.push(Section::led(mask, expected, anchor));
     }
     led.reverse();
     led.append(&mut leaf.sections);

@@ -383,14 +383,7 @@ fn lead(mask: &Mask, ribbon: &mut Ribbon, blade: &Blade, hub: &Hub) -> bool {
                 ..sure[0].expected
             };
             let anchor = if k == steps { 1.0 } else { 0.01 };
-            let mut section = Section {
-                expected,
-                measured: expected.measure(mask),
-                anchor,
-                guide_px: Some(expected.half_px),
-            };
-            section.doubt();
-            section
+            Section::led(mask, expected, anchor)
         })
         .collect();
     let open = led.iter().filter(|section| is_open(mask, section)).count();
