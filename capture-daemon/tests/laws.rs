@@ -254,14 +254,15 @@ fn length(shape: &Shape) -> f32 {
     shape.windows(2).map(|pair| pair[0].0.distance(pair[1].0)).sum()
 }
 
-/// The knots of a shape that are farther from its ends than a tenth of its length.
+/// The knots of a shape that are farther from its ends than a fifth of its length: a root that is drawn
+/// round is as wide as the blade or runs out in its round, which a rounding can decide.
 fn inner(shape: &Shape) -> Vec<(Vec3, [f32; 2])> {
     let all = length(shape);
     let mut along = 0.0;
     let mut knots = Vec::new();
     for (index, knot) in shape.iter().enumerate() {
         along += if index > 0 { knot.0.distance(shape[index - 1].0) } else { 0.0 };
-        if (0.1..0.9).contains(&(along / all)) {
+        if (0.2..0.8).contains(&(along / all)) {
             knots.push(*knot);
         }
     }
@@ -375,8 +376,7 @@ proptest! {
     #[test]
     fn twice_the_resolution_gives_the_same_blades(blades in prop::collection::vec(drawn(), 1..4)) {
         let frame = side_by_side(&blades);
-        // An edge in steps of two pixels is no finer edge: of 2,000 cases a few are more than half a pixel off.
-        same_shapes(&shapes(&capture(&frame)), &shapes(&capture(&doubled(&frame))), 0.8 * PIXEL_M, 6.0 * PIXEL_M)?;
+        same_shapes(&shapes(&capture(&frame)), &shapes(&capture(&doubled(&frame))), 0.6 * PIXEL_M, 6.0 * PIXEL_M)?;
     }
 
     #[test]
