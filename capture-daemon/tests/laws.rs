@@ -376,7 +376,7 @@ proptest! {
     #[test]
     fn twice_the_resolution_gives_the_same_blades(blades in prop::collection::vec(drawn(), 1..4)) {
         let frame = side_by_side(&blades);
-        same_shapes(&shapes(&capture(&frame)), &shapes(&capture(&doubled(&frame))), 0.6 * PIXEL_M, 6.0 * PIXEL_M)?;
+        same_shapes(&shapes(&capture(&frame)), &shapes(&capture(&doubled(&frame))), 0.6 * PIXEL_M, 8.0 * PIXEL_M)?;
     }
 
     #[test]
