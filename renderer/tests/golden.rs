@@ -26,9 +26,6 @@ const SIZE: (u32, u32) = (480, 270);
 const SAME_DRIVER: f32 = 0.002;
 /// The same of any other driver.
 const OTHER_DRIVER: f32 = 0.04;
-/// The same where blades throw shadows: the map of them has one sample a texel, and drivers do not agree on which
-/// texels a thin blade covers.
-const OTHER_DRIVERS_SHADOWS: f32 = 0.06;
 
 struct Scene {
     name: &'static str,
@@ -162,11 +159,7 @@ fn golden(name: &str) -> PathBuf {
 fn scenes_look_as_they_did() {
     let Some(mut studio) = or_skip(Studio::open(SIZE)) else { return };
     let adapter = studio.adapter();
-    let bound = |scene: &Scene| match (adapter.contains("llvmpipe"), scene.shadows) {
-        (true, _) => SAME_DRIVER,
-        (false, false) => OTHER_DRIVER,
-        (false, true) => OTHER_DRIVERS_SHADOWS,
-    };
+    let bound = if adapter.contains("llvmpipe") { SAME_DRIVER } else { OTHER_DRIVER };
     let update = std::env::var_os("UPDATE_GOLDEN").is_some_and(|value| value == "1");
     let left = Path::new(env!("CARGO_TARGET_TMPDIR")).join("golden");
     std::fs::create_dir_all(&left).expect("the target folder is writable");
@@ -183,7 +176,6 @@ fn scenes_look_as_they_did() {
             .into_rgb8();
         let (difference, map) = compare(&expected, &actual);
         say(&format!("{}: FLIP {difference:.4} on {adapter}", scene.name));
-        let bound = bound(&scene);
         // Turned round, a number that is none would pass.
         if !matches!(difference.partial_cmp(&bound), Some(std::cmp::Ordering::Less)) {
             for (kind, picture) in [("actual", &actual), ("expected", &expected), ("difference", &map)] {

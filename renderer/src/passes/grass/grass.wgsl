@@ -142,6 +142,17 @@ fn vs_main(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) 
     return expand(index, at);
 }
 
+// Steps of the map of shadows from its middle to its side in which vertices lie.
+override SUN_STEPS: f32 = 8192.0;
+
+// As the sun sees it. Drivers place vertices in steps of their own, a sixteenth of a texel at the coarsest, and
+// would not agree on the texels that a thin blade covers.
+@vertex
+fn vs_sun(@builtin(vertex_index) index: u32, @builtin(instance_index) at: u32) -> @builtin(position) vec4f {
+    let position = expand(index, at).position;
+    return vec4f(round(position.xy * SUN_STEPS) / SUN_STEPS, position.zw);
+}
+
 // A blade that is small in the picture is lit at its vertices: what varies between them could not be seen.
 struct Lit {
     @builtin(position) position: vec4f,

@@ -1,7 +1,7 @@
 //! The shadows that blades near the eye throw: their depth seen from the sun, in a square map that goes
 //! with the eye. Farther away the light is taken by the height among the blades alone (`leaf.wgsl`).
 //!
-//! The blades are drawn by the grass's own vertex shader, which sees the sun's matrix in place of the
+//! The blades are drawn by a vertex shader of the grass, which sees the sun's matrix in place of the
 //! camera's. Non-goals: the shadow of blades that are out of the camera's view, which are not drawn;
 //! shadows of things.
 
@@ -112,8 +112,11 @@ impl Shadows {
             layout: Some(&pipeline_layout),
             vertex: wgpu::VertexState {
                 module: &module,
-                entry_point: Some("vs_main"),
-                compilation_options: Default::default(),
+                entry_point: Some("vs_sun"),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants: &[("SUN_STEPS", 8.0 * f64::from(SIDE))],
+                    ..Default::default()
+                },
                 buffers: &[],
             },
             primitive: Default::default(),
