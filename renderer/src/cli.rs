@@ -126,6 +126,10 @@ pub struct Cli {
     #[arg(long, value_name = "DIR")]
     pub shaders: Option<PathBuf>,
 
+    /// Loses the window's surface or its device at a frame, as in surface@40, to see that it comes back
+    #[arg(long, value_name = "WHAT@FRAME", hide = true, value_parser = parse_loss)]
+    pub lose: Vec<Loss>,
+
     /// Tiles of the field, each 18 cm along a side with 64 blades, 1 to 4000000000; the paper's field has 14926.
     /// Without it, the field has no end that can be seen
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4_000_000_000))]
@@ -248,6 +252,25 @@ fn parse_fov(text: &str) -> Result<f32, String> {
 fn parse_sun(text: &str) -> Result<Vec2, String> {
     let (heading, elevation) = text.split_once(',').ok_or("expected heading and elevation, as in 34,30")?;
     Ok(Vec2::new(parse_signed(heading)?, number_in(elevation, 1.0..=90.0)?))
+}
+
+/// What a test takes from a window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loss {
+    /// Its surface, at this frame.
+    Surface(u64),
+    /// The device that draws to it, at this frame.
+    Device(u64),
+}
+
+fn parse_loss(text: &str) -> Result<Loss, String> {
+    let (what, frame) = text.split_once('@').ok_or("expected WHAT@FRAME")?;
+    let frame = frame.parse().map_err(|_| "expected the number of a frame")?;
+    match what {
+        "surface" => Ok(Loss::Surface(frame)),
+        "device" => Ok(Loss::Device(frame)),
+        _ => Err("expected surface or device".into()),
+    }
 }
 
 fn parse_hour(text: &str) -> Result<f32, String> {

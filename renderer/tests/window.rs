@@ -1,11 +1,13 @@
-//! Does the window fill a kiosk's screen, is it steered, resized and hidden without harm, and does it end with a
+//! Does the window fill a kiosk's screen, is it steered, resized and hidden without harm, does
+//! what it loses come back, and does it end with a
 //! word when the display does? These need Xvfb; without it they say so, or fail with SWARD_REQUIRE_GPU=1.
 
 mod common;
 
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 const WIDTH: usize = 320;
@@ -141,6 +143,38 @@ fn a_kiosk_fills_the_screen_takes_no_keys_and_ends_with_the_display() {
     let said = window.said();
     assert!(said.contains(&screen.display) || said.contains("display has ended"), "{said}");
     assert!(!said.contains("panicked"), "{said}");
+}
+
+#[test]
+fn a_lost_surface_and_a_lost_device_come_back() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let Some(screen) = Screen::start(folder.path()) else { return };
+    let options = ["--size", "300x170", "--lose", "surface@5", "--lose", "device@10"];
+    let mut window = screen.window(folder.path(), &options);
+    let stderr = window.0.stderr.take().expect("stderr is piped");
+    let said = Arc::new(Mutex::new(String::new()));
+    let heard = Arc::clone(&said);
+    std::thread::spawn(move || {
+        for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+            heard.lock().expect("nobody panics with it").push_str(&(line + "\n"));
+        }
+    });
+    let says = |words: &str| {
+        let found = wait_for(|| said.lock().expect("nobody panics with it").contains(words).then_some(()));
+        assert!(found.is_some(), "{words:?} in {}", said.lock().expect("nobody panics with it"));
+    };
+    says("surface was lost");
+    says("device was lost");
+    says("drawing again");
+    let moves = || {
+        let before = Screen::pixels(folder.path());
+        wait_for(|| {
+            let pixels = Screen::pixels(folder.path());
+            (pixels != before && colours(&pixels) > 1000).then_some(())
+        })
+    };
+    assert!(moves().is_some() && moves().is_some(), "the meadow goes on");
+    assert_eq!(window.0.try_wait().expect("it can be waited for"), None);
 }
 
 #[test]

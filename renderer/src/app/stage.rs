@@ -8,7 +8,7 @@ use winit::dpi::PhysicalSize;
 use winit::event_loop::ActiveEventLoop;
 use winit::window::{Fullscreen, Window};
 
-use crate::cli::{Cli, Shadows};
+use crate::cli::{Cli, Loss, Shadows};
 use crate::frame::View;
 use crate::garden::Garden;
 use crate::governor::Governor;
@@ -55,6 +55,9 @@ pub(super) struct Stage {
     last_frame: Option<Instant>,
     /// Since when there is no device, and when it was last tried to get one.
     without_device: Option<(Instant, Instant)>,
+    /// What is taken away on purpose, and the frames so far.
+    losses: Vec<Loss>,
+    frames: u64,
 }
 
 impl Stage {
@@ -91,6 +94,8 @@ impl Stage {
             attract: cli.kiosk.then(super::attract).transpose()?,
             surface: Some(surface),
             without_device: None,
+            losses: cli.lose.clone(),
+            frames: 0,
             governor: (cli.budget_ms > 0.0).then(|| Governor::new(cli.budget_ms * 1e-3)),
             last_frame: None,
             field,
@@ -159,6 +164,17 @@ impl Stage {
         shown
     }
 
+    fn lose_on_purpose(&mut self) {
+        self.frames += 1;
+        for loss in &self.losses {
+            match loss {
+                Loss::Surface(frame) if *frame == self.frames => self.surface = None,
+                Loss::Device(frame) if *frame == self.frames => self.garden.gpu.device.destroy(),
+                Loss::Surface(_) | Loss::Device(_) => {}
+            }
+        }
+    }
+
     fn try_draw(&mut self, view: &View) -> anyhow::Result<Shown> {
         use wgpu::CurrentSurfaceTexture::{
             Lost, Occluded, Outdated, Suboptimal, Success, Timeout, Validation,
@@ -167,6 +183,7 @@ impl Stage {
         if size.width == 0 || size.height == 0 {
             return Ok(Shown::Nothing);
         }
+        self.lose_on_purpose();
         if self.garden.gpu.is_lost() && !self.renew_device()? {
             return Ok(Shown::Nothing);
         }
@@ -183,7 +200,13 @@ impl Stage {
                 self.surface = None;
                 return Ok(Shown::Frame);
             }
-            Timeout | Occluded | Validation => return Ok(Shown::Nothing),
+            Timeout | Occluded => return Ok(Shown::Nothing),
+            Validation => {
+                // A device that is gone says so only when it is asked; else it is the surface that will not do.
+                let _ = self.garden.gpu.device.poll(wgpu::PollType::Poll);
+                self.surface = None;
+                return Ok(Shown::Nothing);
+            }
         };
         self.pass_time();
         self.garden.draw(&self.targets, view, &picture.texture.create_view(&Default::default()));
