@@ -40,8 +40,8 @@ pub mod gpu_data {
         pub time_s: f32,
         /// Angle that a pixel covers in the picture's middle, radians.
         pub pixel_rad: f32,
-        /// Whether anything grows, 0 or 1.
-        pub grows: u32,
+        /// How far it is from bare ground to a meadow, 0 to 1.
+        pub grown: f32,
         /// Size of a pixel, metres at the blades, up to which every blade is drawn.
         pub full_pixel_m: f32,
         /// How far blades are drawn, metres.
@@ -65,8 +65,9 @@ pub struct View {
 }
 
 impl View {
-    /// The frame's uniform for a picture of `size` pixels; how much is drawn is for the plan to say.
-    pub fn uniform(&self, size: (u32, u32), grows: bool) -> gpu_data::Frame {
+    /// The frame's uniform for a picture of `size` pixels of what is `grown` from bare ground, 0, to a meadow, 1;
+    /// how much is drawn is for the plan to say.
+    pub fn uniform(&self, size: (u32, u32), grown: f32) -> gpu_data::Frame {
         let (width, height) = (size.0.max(1) as f32, size.1.max(1) as f32);
         let clip_from_world = self.camera.clip_from_world(width / height);
         gpu_data::Frame {
@@ -76,7 +77,7 @@ impl View {
             eye_in_world: self.camera.eye_in_world(),
             time_s: self.time_s,
             pixel_rad: 2.0 * (self.camera.fov_y_rad * 0.5).tan() / height,
-            grows: u32::from(grows),
+            grown,
             full_pixel_m: 0.0,
             range_m: 0.0,
             field_from_m: Vec2::ZERO,
@@ -173,6 +174,12 @@ impl Meadow {
         self.swapped = (self.swapped + seconds / SWAP_S).min(1.0);
     }
 
+    /// How far it is from bare ground to a meadow, 0 to 1: as far as blades have grown in, or given way.
+    fn grown(&self) -> f32 {
+        let [before, now] = [&self.before, &self.now].map(|growth| f32::from(u8::from(growth.grows())));
+        before + (now - before) * self.swapped
+    }
+
     fn bind(&mut self, gpu: &Gpu) {
         self.cull_bindings = self.cull.bind(gpu, &self.patch, &self.now.shares, &self.before.shares);
         self.grass_bindings = self.grass.bind(gpu, &self.cull, &self.now, &self.before);
@@ -202,8 +209,7 @@ impl Meadow {
         display: &wgpu::TextureView,
         timing: Option<&Timing>,
     ) {
-        let grows = self.now.grows() || (self.swapped < 0.5 && self.before.grows());
-        let mut uniform = view.uniform(targets.size, grows);
+        let mut uniform = view.uniform(targets.size, self.grown());
         let light = Light::new(view.sun_rad);
         let reach_m = self.now.reach_m.max(self.before.reach_m);
         let plan = cull::plan(&uniform, &self.field, self.detail, reach_m, self.swapped);

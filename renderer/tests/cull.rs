@@ -134,7 +134,7 @@ fn gpu_and_cpu_cull_alike() {
     let patch = grassland::patch(7);
     let (now, before) = (shares(common::meadow(1)), shares(common::library(2, &[0, 2, 5])));
     let view = view();
-    let frame = view.uniform(SIZE, true);
+    let frame = view.uniform(SIZE, 1.0);
     let eye_tile = (view.camera.foot / TILE_M).floor().as_ivec2();
     let slots: Vec<Slot> = (-9..9)
         .map(|step| Slot {
@@ -175,7 +175,7 @@ fn every_view_fits_the_lists() {
     for (height, fov, size) in [(0.0, 2.0, (1000, 200)), (3.0, 0.6, (3840, 2160)), (0.4, 1.0, (8192, 8192))] {
         let mut view = view();
         (view.camera.eye_height_m, view.camera.fov_y_rad) = (height, fov);
-        let mut frame = view.uniform(size, true);
+        let mut frame = view.uniform(size, 1.0);
         // All around at once, which no camera sees.
         frame.planes = [Vec4::W; 5];
         let plan = cull::plan(&frame, &Field::ENDLESS, Detail::default(), 0.6, 1.0);
@@ -193,7 +193,7 @@ fn blades_come_and_go_and_change_in_small_steps() {
     let at = |step_m: f32| {
         let mut view = view();
         view.camera.foot.y -= step_m;
-        let mut frame = view.uniform(SIZE, true);
+        let mut frame = view.uniform(SIZE, 1.0);
         // Turning away is no popping.
         frame.planes = [Vec4::W; 5];
         let plan = cull::plan(&frame, &Field::of_tiles(4000), Detail::default(), 0.3, 1.0);

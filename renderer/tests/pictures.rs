@@ -7,12 +7,14 @@ use std::io::Write;
 
 use ::common::library::Snapshot;
 use glam::Vec2;
-use renderer::frame::View;
+use renderer::frame::{SWAP_S, View};
 use renderer::gpu::device::OpenError;
 use renderer::gpu::shader::Sources;
 use renderer::headless::Studio;
+use renderer::nursery::Seedling;
 use renderer::passes::cull;
 use renderer::scene::camera::Camera;
+use renderer::scene::grassland::shapes::shapes;
 use renderer::scene::terrain;
 
 const SIZE: (u32, u32) = (320, 180);
@@ -101,6 +103,30 @@ fn a_new_library_goes_live_whole() {
     let bare = swapped.draw(&view()).expect("a picture");
     assert!(green_pixels(&bare) < green_pixels(&picture_of_b) / 2, "the last blade can be taken away too");
 }
+#[test]
+fn a_bare_meadow_turns_green_bit_by_bit() {
+    let Some(mut studio) = or_skip(Studio::open(SIZE)) else { return };
+    // To the horizon, where the ground stands for the grass.
+    let camera = Camera { eye_height_m: 1.6, pitch_rad: -0.1, ..view().camera };
+    let view = View { camera, ..view() };
+    let mut before = studio.draw(&view).expect("a picture");
+    let bare = before.clone();
+    let library = library(1, &[0, 1]);
+    studio.garden().grow(Seedling { generation: 1, shapes: shapes(&library) });
+    let change = |a: &[u8], b: &[u8]| a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum::<u64>();
+    let mut steps = Vec::new();
+    for _ in 0..=10 {
+        let now = studio.draw(&view).expect("a picture");
+        steps.push(change(&before, &now));
+        before = now;
+        studio.garden().pass_time(0.1 * SWAP_S);
+    }
+    let whole = change(&bare, &before);
+    let largest = *steps.iter().max().expect("steps");
+    assert!(whole > 5 * (SIZE.0 * SIZE.1) as u64, "it turns green: {whole}");
+    assert!(3 * largest < 2 * whole, "no step is most of the change: {steps:?} of {whole}");
+}
+
 #[test]
 fn a_lost_device_is_replaced_and_the_meadow_stays() {
     let Some(mut studio) = or_skip(Studio::open(SIZE)) else { return };

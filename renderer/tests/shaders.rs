@@ -72,7 +72,7 @@ fn structs_lie_in_memory_as_in_rust() {
                 eye_in_world,
                 time_s,
                 pixel_rad,
-                grows,
+                grown,
                 full_pixel_m,
                 range_m,
                 field_from_m,

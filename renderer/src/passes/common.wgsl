@@ -9,7 +9,7 @@ struct Frame {
     eye_in_world: vec3f,
     time_s: f32,
     pixel_rad: f32,
-    grows: u32,
+    grown: f32,
     full_pixel_m: f32,
     range_m: f32,
     field_from_m: vec2f,

@@ -71,7 +71,7 @@ fn fs_main(ground: Ground) -> @location(0) vec4f {
     // Where the field ends, the same meadow goes on, seen from afar.
     let beyond_m = max(frame.field_from_m - p, p - frame.field_to_m);
     let within = 1.0 - smoothstep(-FIELD_FRINGE_M, FIELD_FRINGE_M, max(beyond_m.x, beyond_m.y));
-    let far = select(0.0, 1.0 - drawn * within, frame.grows > 0u);
+    let far = frame.grown * (1.0 - drawn * within);
 
     var near_light = vec3f(0.0);
     if far < 1.0 {
@@ -81,10 +81,10 @@ fn fs_main(ground: Ground) -> @location(0) vec4f {
         let thatch = mix(vec3f(0.040, 0.035, 0.018), vec3f(0.098, 0.083, 0.045), speckle);
         let clods = 0.8 + 0.3 * perlin(p * 9.0) + 0.2 * perlin(p * 0.7);
         let earth = mix(vec3f(0.060, 0.042, 0.026), vec3f(0.140, 0.105, 0.068), speckle) * clods;
-        near_light = select(
+        near_light = mix(
             earth * (sun + above),
             thatch * (sun * sun_at(ground.in_world, CANOPY_M) + above * sky_below(CANOPY_M)),
-            frame.grows > 0u,
+            frame.grown,
         );
     }
     var far_light = vec3f(0.0);
