@@ -338,7 +338,8 @@ impl Ways {
                 && 3 * way[..join].iter().filter(|index| others(**index, length)).count() <= join
             {
                 leaf.sections.drain(..root);
-                lead_along(mask, leaf, &way[..=join]);
+                let wide = |index: usize| self.place(mask, index).map_or(0.0, |place| self.depth_px[place]);
+                lead_along(mask, leaf, &way[..=join], wide);
             } else {
                 continue;
             }
@@ -367,7 +368,7 @@ fn depth_px(mask: &Mask, label: u16, [x0, y0, x1, y1]: [usize; 4]) -> Vec<f32> {
 }
 
 /// Puts sections along a way before the first one of a leaf.
-fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize]) {
+fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize], depth_px: impl Fn(usize) -> f32) {
     const AHEAD: usize = 4;
     // What a pixel's path counts beside an edge that is seen.
     const WEIGHT: f32 = 0.05;
@@ -381,6 +382,7 @@ fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize]) {
             mid: mask.pixel(*index),
             across: Vec2::new(-up.y, up.x),
             depth_m: if seen > 0.0 { seen } else { like.expected.depth_m },
+            half_px: like.expected.half_px.min((depth_px(*index) - 0.5).max(1.0)),
             ..like.expected
         };
         let anchor = if k + 1 == way.len() { 1.0 } else { WEIGHT };
