@@ -58,8 +58,9 @@ pub(super) fn attach(
         let mut ways = Ways::of(mask, region.label, region.bounds, field);
         let mut leaves: Vec<Ribbon> = ribbons.iter().filter(|ribbon| grows(ribbon)).cloned().collect();
         leaves.iter_mut().for_each(|leaf| ways.turn(leaf, mask));
-        if ways.lead(mask, &mut leaves) {
+        if let Some(mut left) = ways.lead(mask, &mut leaves) {
             ribbons.retain(|ribbon| !grows(ribbon));
+            ribbons.append(&mut left);
             attached.append(&mut leaves);
         }
     }
@@ -272,8 +273,9 @@ impl Ways {
         longest
     }
 
-    /// Leads leaves to their stem, and takes away stretches of the stem itself; `false` where they share none.
-    fn lead(&mut self, mask: &Mask, leaves: &mut Vec<Ribbon>) -> bool {
+    /// Leads leaves to their stem, and takes away stretches of the stem itself; gives back those to whose base no way
+    /// was found, and `None` where they share no stem.
+    fn lead(&mut self, mask: &Mask, leaves: &mut Vec<Ribbon>) -> Option<Vec<Ribbon>> {
         let roots: Vec<usize> =
             leaves.iter().map(|leaf| rooted(mask, leaf, self.label).unwrap_or(0)).collect();
         let mut ways_from = |starts: &[usize]| -> Vec<Vec<usize>> {
@@ -289,11 +291,11 @@ impl Ways {
         };
         let outside: Vec<usize> = leaves.iter().zip(&roots).zip(&ways).map(outer).collect();
         let from_outside = ways_from(&outside);
-        let Some(stem_way) = self.stem(mask, &from_outside) else { return false };
+        let stem_way = self.stem(mask, &from_outside)?;
         let mut lengths: Vec<usize> = leaves.iter().map(|leaf| leaf.sections.len()).collect();
         lengths.sort_unstable();
         if (stem_way.len() as f32) < MIN_STEM * lengths[lengths.len() / 2] as f32 {
-            return false;
+            return None;
         }
         let mut on_stem = vec![false; self.places.len()];
         stem_way.iter().filter_map(|index| self.place(mask, *index)).for_each(|place| on_stem[place] = true);
@@ -341,13 +343,14 @@ impl Ways {
                 let wide = |index: usize| self.place(mask, index).map_or(0.0, |place| self.depth_px[place]);
                 lead_along(mask, leaf, &way[..=join], wide);
             } else {
+                leaf.root = End::Lost;
                 continue;
             }
             (leaf.root, leaf.unsure) = (End::Shared, 0);
         }
         let mut are_leaves = are_leaves.into_iter();
         leaves.retain(|_| are_leaves.next() == Some(true));
-        true
+        Some(leaves.extract_if(.., |leaf| leaf.root == End::Lost).collect())
     }
 }
 
