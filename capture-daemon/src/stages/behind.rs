@@ -38,10 +38,14 @@ pub(super) fn lead(mask: &Mask, ribbons: &mut [Ribbon], attached: &[Ribbon], par
     let hang: Vec<bool> = (0..ribbons.len()).map(hangs).collect();
     for (ribbon, _) in ribbons.iter_mut().zip(&hang).filter(|(_, hangs)| **hangs) {
         let root = ribbon.sections[0].expected.mid;
-        let bases = roots.iter().enumerate().filter(|(i, _)| hang.get(*i) != Some(&true)).map(|(_, base)| base);
+        let bases =
+            roots.iter().enumerate().filter(|(i, _)| hang.get(*i) != Some(&true)).map(|(_, base)| base);
         let mut ways: Vec<Vec<Section>> = bases
             .filter(|(base, _)| (*base - root).dot(params.down) > APART_PX)
-            .filter_map(|(base, base_m)| way(mask, &ribbon.sections, *base, *base_m))
+            .filter_map(|(base, base_m)| {
+                let here = roots.iter().filter(|(other, _)| other.distance(*base) < APART_PX).count();
+                way(mask, &ribbon.sections, (*base, *base_m), here > 1)
+            })
             .collect();
         ways.sort_by_key(Vec::len);
         if let Some(mut led) = ways.into_iter().next() {
@@ -52,8 +56,9 @@ pub(super) fn lead(mask: &Mask, ribbons: &mut [Ribbon], attached: &[Ribbon], par
 }
 
 /// Sections from a base at a point, so deep, to the first one of `sections`, which are those that are seen, from
-/// there on; `None` where it would be seen if it were there, or would have to turn. O(length · width).
-fn way(mask: &Mask, sections: &[Section], from: Vec2, from_m: f32) -> Option<Vec<Section>> {
+/// there on; `None` where it would be seen if it were there, or would have to turn. `shared`: whether several grow
+/// there, and one more may by less of it, or by a way that bows. O(length · width).
+fn way(mask: &Mask, sections: &[Section], (from, from_m): (Vec2, f32), shared: bool) -> Option<Vec<Section>> {
     /// Longest way, in lengths of what is seen; and cosine of the largest angle between both.
     const MAX_HIDDEN: f32 = 4.0;
     const STRAIGHT: f32 = 0.6;
@@ -61,7 +66,8 @@ fn way(mask: &Mask, sections: &[Section], from: Vec2, from_m: f32) -> Option<Vec
     const WEIGHT: f32 = 0.01;
     /// Four times how far it may lie beside the straight way in its middle, in lengths of it.
     const BOWS: [f32; 5] = [0.0, 0.3, -0.3, 0.6, -0.6];
-    let ray = Ray::guessed(sections.iter())?;
+    let inward = sections.iter();
+    let ray = if shared { Ray::guessed(inward) } else { Ray::of(inward) }?;
     let like = sections.first()?;
     let length = from.distance(ray.from);
     let ahead = (from - ray.from).dot(ray.along);
@@ -75,7 +81,7 @@ fn way(mask: &Mask, sections: &[Section], from: Vec2, from_m: f32) -> Option<Vec
     // As it leads on at its end; where it cannot run there, as straight as it can.
     let steps = length.ceil() as usize;
     let aside = (from - ray.from).perp();
-    let bowed = BOWS.map(|bow| from + aside * bow);
+    let bowed = BOWS.iter().filter(|_| shared).map(|bow| from + aside * *bow);
     std::iter::once(ray.from + ray.along * ahead).chain(bowed).find_map(|led_on| {
         let place = |t: f32| {
             let mid = ray.from + (led_on - ray.from) * t + (from - led_on) * t * t;
