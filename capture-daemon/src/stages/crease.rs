@@ -123,10 +123,7 @@ impl Crease {
             return None;
         }
         // Where they are not seen they are about where they were expected.
-        let known =
-            |(extent, section): (&Option<[f32; 2]>, &Section)| extent.is_some() || section.guide_px.is_some();
-        let weight = |known| [if known { 1.0 } else { 0.02 }; 2];
-        let weights = extents.iter().zip(sections).map(|it| weight(known(it))).collect();
+        let weights = extents.iter().map(|extent| [if extent.is_some() { 1.0 } else { 0.02 }; 2]).collect();
         let expected = |section: &Section| [-section.expected.half_px, section.expected.half_px];
         let edges = extents.iter().zip(sections);
         let edges = edges.map(|(extent, section)| extent.unwrap_or(expected(section)).map(f64::from));

@@ -313,6 +313,14 @@ mod tests {
     }
 
     #[test]
+    fn an_edge_behind_something_nearer_is_not_odd_and_one_that_runs_into_its_like_is() {
+        let beside = |depth: u16| margins(0, move |x, _| if x > 45 { depth } else { 1500 });
+        let (hidden, merged) = (beside(450), beside(500));
+        assert_eq!((hidden.both, merged.both), (1.0, 0.0), "{hidden:?} {merged:?}");
+        assert!(oddity(&hidden) < 1.0 && oddity(&merged) > 2.4, "{hidden:?} {merged:?}");
+    }
+
+    #[test]
     fn ragged_edges_are_odd() {
         let (even, ragged) = (margins(0, |_, _| 0), margins(3, |_, _| 0));
         assert_eq!(even.unseen, 1.0, "nothing is seen beside it");
