@@ -37,6 +37,9 @@ pub const MOTION_FRAMES: usize = 8;
 const MIN_ASPECT: f32 = 1.2;
 /// The midrib of a blade that was followed rightly lies on it but for gaps and what hides it.
 const MIN_SEEN: f32 = 0.5;
+/// Of one whose second edge is hidden nearly all along the width is not known: least share of its cross-sections
+/// that show both.
+const MIN_EDGES_SEEN: f32 = 0.1;
 /// Coarsest picture that a blade is measured in, metres a pixel.
 const MAX_M_PER_PX: f32 = 0.004;
 /// A blade that runs more steeply away from the camera than this, on average, cannot be measured:
@@ -198,7 +201,7 @@ pub fn accept(
     if lifted.length_m > MAX_STEEPNESS * lifted.length_px * lifted.metres_per_px {
         return Err(Refusal::TooSteep);
     }
-    if lifted.seen < MIN_SEEN {
+    if lifted.seen < MIN_SEEN || evidence.edges_seen < MIN_EDGES_SEEN {
         return Err(Refusal::Hidden);
     }
     if lifted.pixels_across < params.min_pixels_across {

@@ -35,7 +35,7 @@ impl Default for HandParams {
             knuckle_m: 0.006,
             min_relief_m: 0.002,
             blade_m: 0.035,
-            min_border_m: 0.025,
+            min_border_m: 0.035,
         }
     }
 }

@@ -6,12 +6,12 @@ use glam::Vec2;
 use super::confidence::Evidence;
 use super::mask::{Mask, depth_step_m};
 use super::ribbon::{End, Ribbon, Section};
-use super::section::Middle;
+use super::section::{Expected, Middle};
 
 /// How a blade's outline looks where the blade itself is seen: neither hidden nor led.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Margins {
-    /// Share of its cross-sections that show both edges, 0..=1.
+    /// Share of its cross-sections that show both edges, or one of them and what hides the other, 0..=1.
     pub both: f32,
     /// Share of the edges that are none in space, 0..=1: there its surface leaves the depth window or the
     /// region, or goes on beyond a gap without readings.
@@ -117,7 +117,13 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
     for section in ribbon.sections.iter().filter(|section| own(section)) {
         let (expected, measured) = (&section.expected, &section.measured);
         sections += 1.0;
-        both += if section.edges_seen() == 2 { 1.0 } else { 0.0 };
+        let told = match (measured.left_px, measured.right_px) {
+            (Some(_), Some(_)) => true,
+            (Some(_), None) => is_hidden(mask, expected, 1.0),
+            (None, Some(_)) => is_hidden(mask, expected, -1.0),
+            (None, None) => false,
+        };
+        both += if told { 1.0 } else { 0.0 };
         for (edge, side) in [(measured.left_px, -1.0), (measured.right_px, 1.0)] {
             let Some(edge) = edge else { continue };
             edges += 1.0;
@@ -156,6 +162,18 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
         turning: share(turning, turns),
         turned: turned(&ribbon.sections),
     }
+}
+
+/// Whether something nearer hides the edge of a cross-section to one side (−1 left, 1 right).
+fn is_hidden(mask: &Mask, expected: &Expected, side: f32) -> bool {
+    const REACH_PX: i32 = 5;
+    let seen = |t: f32| {
+        let index = mask.index_at(expected.mid + expected.across * side * t)?;
+        (mask.depth_m[index] > 0.0).then(|| mask.depth_m[index] - expected.depth_at(side * t))
+    };
+    let reach = expected.half_px as i32 + REACH_PX;
+    let mut off_m = (0..=reach).filter_map(|t| seen(t as f32));
+    off_m.find(|off_m| off_m.abs() > expected.tolerance_m).is_some_and(|off_m| off_m < 0.0)
 }
 
 /// The largest angle between two of its directions, followed along it; radians.
@@ -231,7 +249,7 @@ mod tests {
     use crate::stages::accumulate::Accumulation;
     use crate::stages::mask::{self, MaskParams};
     use crate::stages::ribbon::ANCHOR;
-    use crate::stages::section::{Expected, Fold, Measured};
+    use crate::stages::section::{Fold, Measured};
 
     /// A strip 11 pixels wide at 0.5 m, its edges moved by `waver` pixels here and there, before `behind`
     /// (depth in millimetres at each pixel).
@@ -292,6 +310,14 @@ mod tests {
     fn a_surface_that_goes_on_beyond_a_gap_has_no_edge_there() {
         let holed = margins(0, |x, _| if (29..52).contains(&x) { 0 } else { 500 });
         assert!(holed.cut > 0.9 && oddity(&holed) > 3.0, "{holed:?}");
+    }
+
+    #[test]
+    fn an_edge_behind_something_nearer_is_not_odd_and_one_that_runs_into_its_like_is() {
+        let beside = |depth: u16| margins(0, move |x, _| if x > 45 { depth } else { 1500 });
+        let (hidden, merged) = (beside(450), beside(500));
+        assert_eq!((hidden.both, merged.both), (1.0, 0.0), "{hidden:?} {merged:?}");
+        assert!(oddity(&hidden) < 1.0 && oddity(&merged) > 2.4, "{hidden:?} {merged:?}");
     }
 
     #[test]

@@ -111,13 +111,22 @@ pub(super) fn turned(mask: &Mask, mut sections: Vec<Section>, base: Vec2) -> Vec
     let base_m = depth_m.unwrap_or(first.expected.depth_m);
     let gap = first.expected.mid - base;
     let steps = gap.length().ceil() as usize;
+    let across = Vec2::new(-gap.y, gap.x).normalize_or(first.expected.across);
+    let label = mask.index_at(first.expected.mid).map_or(0, |index| mask.pieces.of[index]);
     let mut led: Vec<Section> = (0..steps)
         .map(|k| {
             let t = k as f32 / steps as f32;
+            let straight = base + gap * t;
+            let depth_m = base_m + (first.expected.depth_m - base_m) * t;
+            // It leaves the base somewhere, and is seen from there on.
+            let seen = extent(mask, label, straight, across, 1.5 * first.expected.half_px);
+            let seen_px = seen.map_or(f32::INFINITY, |[from, to]| 0.5 * (to - from));
+            let aside = seen.map_or(0.0, |[from, to]| 0.5 * (from + to));
             let expected = Expected {
-                mid: base + gap * t,
-                across: Vec2::new(-gap.y, gap.x).normalize_or(first.expected.across),
-                depth_m: base_m + (first.expected.depth_m - base_m) * t,
+                mid: straight + across * if k == 0 { 0.0 } else { aside },
+                across,
+                depth_m,
+                half_px: first.expected.half_px.min(seen_px),
                 ..first.expected
             };
             let anchor = if k == 0 { 1.0 } else { WEIGHT };
@@ -126,4 +135,16 @@ pub(super) fn turned(mask: &Mask, mut sections: Vec<Section>, base: Vec2) -> Vec
         .collect();
     led.append(&mut sections);
     led
+}
+
+/// From a point to the outermost pixels of a piece to both sides of it, pixels along `across`, as far as `reach_px`;
+/// `None` where it is not there.
+fn extent(mask: &Mask, label: u16, point: Vec2, across: Vec2, reach_px: f32) -> Option<[f32; 2]> {
+    let reach = reach_px as i32;
+    let of_it = |t: &i32| {
+        let index = mask.index_at(point + across * *t as f32);
+        index.is_some_and(|index| label != 0 && mask.pieces.of[index] == label)
+    };
+    let (first, last) = ((-reach..=reach).find(of_it)?, (-reach..=reach).rev().find(of_it)?);
+    Some([first as f32 - 0.5, last as f32 + 0.5])
 }

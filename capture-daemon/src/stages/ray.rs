@@ -30,6 +30,16 @@ pub(super) struct Ray {
 impl Ray {
     /// Of the sections from an end on inward; `None` where there are too few.
     pub(super) fn of<'a>(inward: impl ExactSizeIterator<Item = &'a Section>) -> Option<Self> {
+        Self::fit(inward, 0.0)
+    }
+
+    /// The same of sections none of which need show both edges.
+    pub(super) fn guessed<'a>(inward: impl ExactSizeIterator<Item = &'a Section>) -> Option<Self> {
+        Self::fit(inward, 0.01)
+    }
+
+    /// `one_edge`: what the width of a section without both edges counts.
+    fn fit<'a>(inward: impl ExactSizeIterator<Item = &'a Section>, one_edge: f64) -> Option<Self> {
         const WINDOW: usize = 50;
         const WIDTH_WINDOW: usize = 30;
         const CURVED_WINDOW: usize = 40;
@@ -46,11 +56,12 @@ impl Ray {
             if let Some(depth) = section.measured.depth_m {
                 z.add(s, depth.into(), f64::from(section.measured.readings));
             }
-            if section.edges_seen() == 2 && i < WIDTH_WINDOW {
-                half.add(s, section.expected.half_px.into(), 1.0);
+            let weight = if section.edges_seen() == 2 { 1.0 } else { one_edge };
+            if weight > 0.0 && i < WIDTH_WINDOW {
+                half.add(s, section.expected.half_px.into(), weight);
             }
-            if section.edges_seen() == 2 && i < CURVED_WINDOW {
-                curved.add(s, section.expected.half_px.into(), 1.0);
+            if weight > 0.0 && i < CURVED_WINDOW {
+                curved.add(s, section.expected.half_px.into(), weight);
             }
         }
         // A curvature of 1/100 px has to be worth its readings.

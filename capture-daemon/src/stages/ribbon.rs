@@ -105,7 +105,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
     let ground = Ground::of(mask, params.down);
     let attached = stem::attach(mask, &mut ribbons, fields, &ground, params);
     tuft::gather(mask, &mut ribbons, &ground, params);
-    behind::lead(mask, &mut ribbons, params);
+    behind::lead(mask, &mut ribbons, &attached, params);
     ribbons.extend(attached);
     splice::join(mask, &mut ribbons);
     trail::follow(mask, &mut ribbons, params);

@@ -58,8 +58,9 @@ pub(super) fn attach(
         let mut ways = Ways::of(mask, region.label, region.bounds, field);
         let mut leaves: Vec<Ribbon> = ribbons.iter().filter(|ribbon| grows(ribbon)).cloned().collect();
         leaves.iter_mut().for_each(|leaf| ways.turn(leaf, mask));
-        if ways.lead(mask, &mut leaves) {
+        if let Some(mut left) = ways.lead(mask, &mut leaves) {
             ribbons.retain(|ribbon| !grows(ribbon));
+            ribbons.append(&mut left);
             attached.append(&mut leaves);
         }
     }
@@ -272,8 +273,9 @@ impl Ways {
         longest
     }
 
-    /// Leads leaves to their stem, and takes away stretches of the stem itself; `false` where they share none.
-    fn lead(&mut self, mask: &Mask, leaves: &mut Vec<Ribbon>) -> bool {
+    /// Leads leaves to their stem, and takes away stretches of the stem itself; gives back those to whose base no way
+    /// was found, and `None` where they share no stem.
+    fn lead(&mut self, mask: &Mask, leaves: &mut Vec<Ribbon>) -> Option<Vec<Ribbon>> {
         let roots: Vec<usize> =
             leaves.iter().map(|leaf| rooted(mask, leaf, self.label).unwrap_or(0)).collect();
         let mut ways_from = |starts: &[usize]| -> Vec<Vec<usize>> {
@@ -289,11 +291,11 @@ impl Ways {
         };
         let outside: Vec<usize> = leaves.iter().zip(&roots).zip(&ways).map(outer).collect();
         let from_outside = ways_from(&outside);
-        let Some(stem_way) = self.stem(mask, &from_outside) else { return false };
+        let stem_way = self.stem(mask, &from_outside)?;
         let mut lengths: Vec<usize> = leaves.iter().map(|leaf| leaf.sections.len()).collect();
         lengths.sort_unstable();
         if (stem_way.len() as f32) < MIN_STEM * lengths[lengths.len() / 2] as f32 {
-            return false;
+            return None;
         }
         let mut on_stem = vec![false; self.places.len()];
         stem_way.iter().filter_map(|index| self.place(mask, *index)).for_each(|place| on_stem[place] = true);
@@ -338,15 +340,17 @@ impl Ways {
                 && 3 * way[..join].iter().filter(|index| others(**index, length)).count() <= join
             {
                 leaf.sections.drain(..root);
-                lead_along(mask, leaf, &way[..=join]);
+                let wide = |index: usize| self.place(mask, index).map_or(0.0, |place| self.depth_px[place]);
+                lead_along(mask, leaf, &way[..=join], wide);
             } else {
+                leaf.root = End::Lost;
                 continue;
             }
             (leaf.root, leaf.unsure) = (End::Shared, 0);
         }
         let mut are_leaves = are_leaves.into_iter();
         leaves.retain(|_| are_leaves.next() == Some(true));
-        true
+        Some(leaves.extract_if(.., |leaf| leaf.root == End::Lost).collect())
     }
 }
 
@@ -367,7 +371,7 @@ fn depth_px(mask: &Mask, label: u16, [x0, y0, x1, y1]: [usize; 4]) -> Vec<f32> {
 }
 
 /// Puts sections along a way before the first one of a leaf.
-fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize]) {
+fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize], depth_px: impl Fn(usize) -> f32) {
     const AHEAD: usize = 4;
     // What a pixel's path counts beside an edge that is seen.
     const WEIGHT: f32 = 0.05;
@@ -381,6 +385,7 @@ fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize]) {
             mid: mask.pixel(*index),
             across: Vec2::new(-up.y, up.x),
             depth_m: if seen > 0.0 { seen } else { like.expected.depth_m },
+            half_px: like.expected.half_px.min((depth_px(*index) - 0.5).max(1.0)),
             ..like.expected
         };
         let anchor = if k + 1 == way.len() { 1.0 } else { WEIGHT };
