@@ -160,13 +160,3 @@ fn a_leaf_begins_where_others_do_though_its_way_from_there_bows() {
     };
     assert!(midribs.iter().any(whole), "{:?}", ends_of(&capture));
 }
-
-#[test]
-fn what_comes_in_narrower_than_a_wrist_is_no_hand() {
-    // A leaf 30 mm wide that falls out of the picture before the plant that it grows on.
-    let plant =
-        (0..40).map(|k| DVec2::new(320.3, 280.2) + 46.0 * DVec2::from_angle(f64::from(k) / 40.0 * 6.283));
-    let leaf = outline(&[(304.3, 262.2), (337.3, 262.2), (337.3, 480.2), (304.3, 480.2)]);
-    let capture = capture(&[flat(plant.collect(), 560.0), flat(leaf, 520.0)]).expect("something is there");
-    assert!(!capture.steps.mask.hand.contains(&true));
-}
