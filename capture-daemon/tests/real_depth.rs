@@ -82,7 +82,7 @@ fn a_sorghum_has_its_leaves_from_every_side() {
     type View = (&'static str, std::ops::RangeInclusive<usize>, Option<[f64; 2]>);
     let Some(data) = data() else { return };
     // Leaves counted by eye on enlarged depth: 8, 6, 7, 8, 9, 7 and 8. Of those that lie behind others
-    // or point at the camera some are missed, and in view 3, from the plant's edge, more than half.
+    // or point at the camera some are missed, and in view 3, from the plant's edge, nearly half.
     let views: [View; 7] = [
         ("DepthImage_21600208944_0.png", 7..=9, Some([227.0, 226.0])),
         ("DepthImage_21660538681_2.png", 5..=7, Some([214.0, 221.0])),

@@ -399,7 +399,9 @@ fn fit(rows: &[Row], sections: usize, min_slope_m: f64) -> Option<(Vec<f64>, Vec
     let variance = (gram[5] - gain(gram)).max(1e-12) / freedom;
     let slope = gram[3] / gram[0];
     let leads = gain(gram) - gain(bent) > MIN_LEAD * variance;
-    if gain(gram) < MIN_GAIN * variance || !leads || slope.abs() < min_slope_m {
+    // A cubic has as much to fit with: what it explains better is curved across, and not folded.
+    let is_sharp = gain(gram) > cubic;
+    if gain(gram) < MIN_GAIN * variance || !leads || !is_sharp || slope.abs() < min_slope_m {
         return None;
     }
     Some(vary(rows, sections, place, slope, variance))

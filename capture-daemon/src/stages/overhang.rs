@@ -148,3 +148,58 @@ fn extent(mask: &Mask, label: u16, point: Vec2, across: Vec2, reach_px: f32) -> 
     let (first, last) = ((-reach..=reach).find(of_it)?, (-reach..=reach).rev().find(of_it)?);
     Some([first as f32 - 0.5, last as f32 + 0.5])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{CameraModel, DepthFrame};
+    use crate::stages::accumulate::Accumulation;
+    use crate::stages::mask::{self, MaskParams};
+    use crate::stages::ribbon::ANCHOR;
+    use crate::stages::section::Fold;
+
+    #[test]
+    fn the_way_to_the_base_is_as_wide_as_what_is_seen_there() {
+        let (width, height) = (80, 120);
+        // Narrow down to row 60, and a little to the right there; broad from there on.
+        let on_leaf = |x: i32, y: i32| {
+            let (middle, half) = if y < 60 { (42, 4) } else { (40, 12) };
+            y >= 20 && (x - middle).abs() <= half
+        };
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let frame = DepthFrame {
+            width: width as usize,
+            height: height as usize,
+            depth: pixels.map(|(x, y)| if on_leaf(x, y) { 500 } else { 1500 }).collect(),
+            depth_unit_m: 0.001,
+            timestamp_ns: 0,
+            camera: CameraModel { fx: 570.0, fy: 570.0, cx: 40.0, cy: 60.0 },
+        };
+        let params = MaskParams::default();
+        let mut accumulation = Accumulation::like(&frame);
+        accumulation.add(&frame, &params);
+        let mask = mask::extract(&accumulation, &params);
+        let section = |y: i32| {
+            let expected = Expected {
+                mid: Vec2::new(40.0, y as f32),
+                across: Vec2::X,
+                half_px: 12.5,
+                depth_m: 0.5,
+                slope_m: 0.0,
+                fold: Fold::default(),
+                tolerance_m: 0.004,
+                search_px: 4.0,
+            };
+            Section { expected, measured: expected.measure(&mask), anchor: ANCHOR, guide_px: None }
+        };
+        let seen: Vec<Section> = (66..119).rev().map(section).collect();
+        let sections = turned(&mask, seen, Vec2::new(40.0, 22.0));
+        let led = sections.iter().filter(|section| (26.0..54.0).contains(&section.expected.mid.y));
+        let led: Vec<&Expected> = led.map(|section| &section.expected).collect();
+        assert!(led.len() > 20, "{} sections", led.len());
+        for expected in led {
+            let off = [(expected.half_px - 4.5).abs(), (expected.mid.x - 42.0).abs()];
+            assert!(off.iter().all(|off| *off < 1.0), "off by {off:?} px at {}", expected.mid);
+        }
+    }
+}

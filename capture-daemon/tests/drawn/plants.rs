@@ -26,8 +26,12 @@ fn ends(nearer_mm: f64) -> Vec<[DVec2; 2]> {
         outline: before,
         depth_mm: Box::new(move |point: DVec2| 570.0 - nearer_mm * (point.y - 292.0)),
     };
-    let capture = capture(&[flat(behind, 600.0), falling]).expect("something is there");
-    midribs(&capture).iter().map(|mids| [mids[0], mids[mids.len() - 1]]).collect()
+    ends_of(&capture(&[flat(behind, 600.0), falling]).expect("something is there"))
+}
+
+/// Where midribs begin and end.
+fn ends_of(capture: &Capture) -> Vec<[DVec2; 2]> {
+    midribs(capture).iter().map(|mids| [mids[0], mids[mids.len() - 1]]).collect()
 }
 
 #[test]
@@ -144,8 +148,8 @@ fn a_leaf_whose_base_is_hidden_by_another_has_its_midrib_from_there_on() {
 fn a_leaf_begins_where_others_do_though_its_way_from_there_bows() {
     // What hides it bows to the left, from where all of them grow up to where it comes out.
     let before =
-        strip(&[(321.3, 480.2), (300.3, 440.2), (286.3, 360.2), (300.3, 280.2), (321.3, 240.2)], 38.0);
-    let behind = strip(&[(321.3, 262.2), (321.3, 180.2), (323.3, 110.2)], 16.0);
+        strip(&[(321.3, 480.2), (300.3, 440.2), (286.3, 360.2), (300.3, 280.2), (326.3, 215.2)], 38.0);
+    let behind = strip(&[(321.3, 236.2), (321.3, 180.2), (323.3, 110.2)], 16.0);
     let another = strip(&[(330.3, 480.2), (380.3, 400.2), (420.3, 300.2)], 20.0);
     let scene = [flat(before, 540.0), flat(behind, 600.0), flat(another, 560.0)];
     let capture = capture(&scene).expect("something is there");
@@ -154,41 +158,5 @@ fn a_leaf_begins_where_others_do_though_its_way_from_there_bows() {
         let bows = mids.iter().any(|mid| mid.y > 340.0 && mid.x < 305.0);
         bows && mids[0].y > 455.0 && mids[mids.len() - 1].distance(DVec2::new(323.0, 112.0)) < 10.0
     };
-    assert!(midribs.iter().any(whole), "{midribs:?}");
-}
-
-#[test]
-fn a_leaf_that_falls_out_of_the_picture_is_as_narrow_at_its_base_as_it_is_seen() {
-    let behind = outline(&[(306.3, 300.2), (304.3, 160.2), (320.3, 80.2), (336.3, 160.2), (334.3, 300.2)]);
-    let before = outline(&[
-        (312.3, 292.2),
-        (328.3, 292.2),
-        (330.3, 330.2),
-        (352.3, 350.2),
-        (352.3, 480.2),
-        (296.3, 480.2),
-        (296.3, 350.2),
-        (312.3, 330.2),
-    ]);
-    let falling =
-        Painted { outline: before, depth_mm: Box::new(|point: DVec2| 570.0 - 0.95 * (point.y - 292.0)) };
-    let capture = capture(&[flat(behind, 600.0), falling]).expect("something is there");
-    let falls = |skeleton: &&capture_daemon::stages::skeleton::Skeleton| {
-        skeleton.stations[0].mid.distance(glam::Vec2::new(320.0, 293.0)) < 12.0
-            && skeleton.stations[skeleton.stations.len() - 1].mid.y > 440.0
-    };
-    let leaf = capture.steps.skeletons.iter().find(falls).expect("it has a midrib");
-    let at_base = leaf.stations.iter().filter(|station| station.mid.y < 315.0);
-    let widest = at_base.map(|station| station.left_px + station.right_px).fold(0.0, f32::max);
-    assert!((8.0..26.0).contains(&widest), "{widest} px at its base");
-}
-
-#[test]
-fn what_comes_in_narrower_than_a_wrist_is_no_hand() {
-    // A leaf 30 mm wide that falls out of the picture before the plant that it grows on.
-    let plant =
-        (0..40).map(|k| DVec2::new(320.3, 280.2) + 46.0 * DVec2::from_angle(f64::from(k) / 40.0 * 6.283));
-    let leaf = outline(&[(304.3, 262.2), (337.3, 262.2), (337.3, 480.2), (304.3, 480.2)]);
-    let capture = capture(&[flat(plant.collect(), 560.0), flat(leaf, 520.0)]).expect("something is there");
-    assert!(!capture.steps.mask.hand.contains(&true));
+    assert!(midribs.iter().any(whole), "{:?}", ends_of(&capture));
 }
