@@ -186,3 +186,27 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
         assert!(refused.stderr.contains(words), "{arguments:?}: {refused:?}");
     }
 }
+
+#[test]
+fn what_is_exported_of_many_blades_is_imported_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let blades = folder.path().join("state/blades");
+    fs::create_dir_all(&blades).expect("room");
+    // More than one drawing once could hold.
+    let count = 300;
+    for number in 0..count {
+        let height_m = 0.1 + 1e-4 * f64::from(number);
+        let text = format!(
+            "format = 1\nknots = [\n  {{ position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.003] }},\n  {{ position_m = [0.0, {height_m:?}, 0.0], half_width_m = [0.0, 0.0] }},\n]\n"
+        );
+        fs::write(blades.join(format!("b{number}.toml")), text).expect("room");
+    }
+    let settings = [("mask.near_m", "0.1".into()), ("mask.far_m", "0.11".into())];
+    let daemon = Daemon::start_in(folder, &settings);
+    let drawing = daemon.folder().join("all.svg").display().to_string();
+    assert_eq!(daemon.client(&["blades", "export", &drawing]).code, Some(0));
+    let imported = daemon.client(&["blades", "import", &drawing]);
+    assert_eq!((imported.code, imported.stdout.lines().count()), (Some(0), count as usize), "{imported:?}");
+    assert!(imported.stdout.lines().all(|line| line.contains("midrib as drawn; ")), "{}", imported.stdout);
+    assert_eq!(daemon.client(&["blades", "list"]).stdout.lines().count(), count as usize);
+}

@@ -54,11 +54,13 @@ fn reads(given: &Path, read: Option<&str>) -> Result<(), ClientError> {
     if read.is_some_and(|read| Path::new(read) == canonical) {
         return Ok(());
     }
-    let read = read.map_or("no configuration file".to_owned(), |read| format!("the file {read}"));
+    let found = read.map_or("the station was started without a configuration file".to_owned(), |read| {
+        format!("the station goes by the file {read} and would read that again")
+    });
     Err(ClientError::BadFile {
         file: given.display().to_string(),
         reason: format!(
-            "the station goes by {read} and would read that again; expected its own: leave --config out and name its \
+            "{found}; expected its own: leave --config out and name its \
              socket with --socket, or start the station with this file"
         ),
     })

@@ -136,14 +136,19 @@ fn along(
     let places: Vec<_> = smoothed(&fine, STATIONS, 0).iter().map(|section| knot(section).position).collect();
     let motion = &motions_in_wind(&[&places], MOTION_FRAMES)[0];
     let finer = FINER.into_iter().filter(|(knots, _)| *knots > params.refine.knots);
-    let tried = std::iter::once((params.refine.knots, 0)).chain(finer).map(|(count, windows)| {
+    let mut tried: Vec<(f32, Tried)> = Vec::new();
+    for (count, windows) in std::iter::once((params.refine.knots, 0)).chain(finer) {
         let skeleton: Vec<Knot> = smoothed(&fine, STATIONS, windows).iter().map(knot).collect();
         let knots = refine(&skeleton, motion, &RefineParams { knots: count, ..params.refine }).knots;
         let drawn: Vec<Knot> = knots.iter().map(as_drawn).collect();
         let width_m = skeleton.iter().map(Knot::width).fold(0.0, f32::max);
-        (template.agreement(&drawn), Tried { knots, drawn, width_m })
-    });
-    let tried: Vec<_> = tried.collect();
+        let agreement = template.agreement(&drawn);
+        tried.push((agreement, Tried { knots, drawn, width_m }));
+        // None is better by more than that.
+        if agreement >= 1.0 - WORTHWHILE {
+            break;
+        }
+    }
     let best = tried.iter().map(|(agreement, _)| *agreement).fold(0.0, f32::max);
     let enough = tried.into_iter().find(|(agreement, _)| *agreement >= best - WORTHWHILE);
     let (_, Tried { knots, drawn, width_m }) = enough.expect("the best of them is");

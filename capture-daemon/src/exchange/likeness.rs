@@ -9,7 +9,7 @@ use super::outline::Outline;
 /// Rows in which areas are compared.
 const ROWS: usize = 512;
 /// Points of an outline whose distances are measured.
-const POINTS: usize = 1500;
+const POINTS: usize = 800;
 
 /// How like a blade is to a drawing.
 #[derive(Clone, Copy, Debug, PartialEq)]

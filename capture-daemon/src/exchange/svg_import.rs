@@ -130,7 +130,7 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Drawing, ImportError> {
         let outline = &only(contours).map_err(wrong)?;
         let midrib = paths.midrib_in(outline);
         midrib.into_iter().for_each(|used| is_used[used] = true);
-        let midrib = midrib.map(|index| paths.midribs[index].1.as_slice());
+        let midrib = midrib.map(|index| paths.midribs[index].points.as_slice());
         let reasoned = |reason: String| wrong(if outline.crosses_itself() { CROSSES.into() } else { reason });
         let fitted = fit(outline, midrib, params).map_err(reasoned)?;
         let id = BladeId::of(params.unix_ns, index as u32, &fitted.knots);
@@ -141,29 +141,50 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Drawing, ImportError> {
         blades.push(DrawnBlade { blade, label: name.clone(), likeness, midrib, scale });
     }
     let unused = paths.midribs.into_iter().zip(is_used).filter(|(_, is_used)| !is_used);
-    Ok(Drawing { blades, unused_midribs: unused.map(|((name, _), _)| name).collect() })
+    Ok(Drawing { blades, unused_midribs: unused.map(|(midrib, _)| midrib.name).collect() })
 }
 
 /// What a drawing holds, in its own pixels, y upwards.
 #[derive(Default)]
 struct Paths {
     outlines: Vec<(String, Vec<Outline>)>,
-    /// Each with its name.
-    midribs: Vec<(String, Vec<Vec2>)>,
+    midribs: Vec<Midrib>,
     labels: Labels,
 }
 
-impl Paths {
-    /// The midrib of which the most lies in an outline.
-    fn midrib_in(&self, outline: &Outline) -> Option<usize> {
+/// A midrib as it is drawn.
+struct Midrib {
+    name: String,
+    points: Vec<Vec2>,
+    /// At equal distances, for where it lies.
+    places: Vec<Vec2>,
+    /// Lower and upper corner of the box around it.
+    bounds: [Vec2; 2],
+}
+
+impl Midrib {
+    /// `points`: 2 or more.
+    fn new(name: &str, points: Vec<Vec2>) -> Self {
         const PLACES: usize = 33;
+        let around = Outline { points };
+        let bounds = around.bounds();
+        let points = around.points;
+        Self { name: name.to_owned(), places: polyline::resample(&points, PLACES), points, bounds }
+    }
+}
+
+impl Paths {
+    /// The midrib of which the most lies in an outline. O(midribs + points · midribs near it).
+    fn midrib_in(&self, outline: &Outline) -> Option<usize> {
         let [low, high] = outline.bounds();
-        let is_near = |point: &Vec2| point.cmpge(low).all() && point.cmple(high).all();
-        let within = |midrib: &[Vec2]| {
-            let places = polyline::resample(midrib, PLACES).into_iter();
-            places.filter(|place| is_near(place) && outline.contains(*place)).count()
+        let is_near = |place: &&Vec2| place.cmpge(low).all() && place.cmple(high).all();
+        let within = |midrib: &Midrib| {
+            midrib.places.iter().filter(is_near).filter(|place| outline.contains(**place)).count()
         };
-        let counted = self.midribs.iter().enumerate().map(|(index, (_, midrib))| (within(midrib), index));
+        let is_beside =
+            |midrib: &Midrib| midrib.bounds[0].cmple(high).all() && midrib.bounds[1].cmpge(low).all();
+        let beside = self.midribs.iter().enumerate().filter(|(_, midrib)| is_beside(midrib));
+        let counted = beside.map(|(index, midrib)| (within(midrib), index));
         // Of two that are there equally, the first.
         let most =
             counted.filter(|(count, _)| *count > 0).max_by_key(|(count, index)| (*count, usize::MAX - index));
@@ -188,7 +209,7 @@ impl Paths {
         let contours = contours(path);
         if path.id().starts_with("midrib") || name.starts_with("midrib") {
             let lines = contours.into_iter().map(|(points, _)| points).filter(|it| it.len() >= 2);
-            self.midribs.extend(lines.map(|points| (name.to_owned(), points)));
+            self.midribs.extend(lines.map(|points| Midrib::new(name, points)));
             return;
         }
         let closed = contours.into_iter().filter(|(points, closed)| *closed && points.len() >= 3);

@@ -96,6 +96,8 @@ impl Store {
     /// # Errors
     /// When there is no such blade, the weight is out of its range, or the disk refuses.
     pub(crate) fn set_mix(&mut self, name: &str, mix: f64) -> Result<(), StoreError> {
+        // There is one 0 only.
+        let mix = if mix == 0.0 { 0.0 } else { mix };
         let weight = mix as f32;
         // Less than that the library cannot tell from 0.
         if mix != 0.0 && !(MIN_MIX..=f64::from(MAX_MIX)).contains(&mix) {
