@@ -413,7 +413,8 @@ fn status_page(status: &Status) -> String {
             counted(refused_files.cast_unsigned(), "file")
         );
     }
-    text + &format!("clients   {clients}\nconfig    {config}\nversion   {version}\n")
+    let file = status.config_file.as_ref().map_or(String::new(), |file| format!(", with {file}"));
+    text + &format!("clients   {clients}\nconfig    {config}{file}\nversion   {version}\n")
 }
 
 #[cfg(test)]

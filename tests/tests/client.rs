@@ -28,6 +28,8 @@ fn a_reload_takes_no_keys_and_no_other_file() {
     let daemon = Daemon::start_in(folder, &seeing_nothing());
     let hash = |daemon: &Daemon| daemon.connect().status()["config"].clone();
     let before = hash(&daemon);
+    let shown = daemon.client(&["status"]).stdout;
+    assert!(shown.contains(&format!(", with {}\n", own.display())), "{shown}");
     let other = daemon.folder().join("other.toml");
     fs::write(&other, "[refine]\nknots = 9\n").expect("room");
     let other = other.display().to_string();
