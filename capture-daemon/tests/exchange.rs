@@ -224,6 +224,26 @@ fn toothed_lobed_and_round_leaves_become_what_a_midrib_with_two_widths_can_be() 
 }
 
 #[test]
+fn however_many_points_an_outline_has_it_is_the_same_blade() {
+    let oval = |points: usize| {
+        let at = |k: usize| {
+            let angle = 2.0 * PI * k as f32 / points as f32;
+            // Teeth of 2 mm, as many as there are points.
+            let r = 99.0 + 2.0 * (k % 2) as f32;
+            format!("{:.3},{:.3} ", 150.0 + 0.3 * r * angle.sin(), 150.0 - r * angle.cos())
+        };
+        let points: String = (0..points).map(at).collect();
+        read(&drawing(&format!("<polygon id='oval' points='{points}'/>"))).expect("a leaf").remove(0)
+    };
+    let few = oval(400);
+    for points in [4_000, 100_000] {
+        let many = oval(points);
+        let sizes = [few.length_m() - many.length_m(), few.max_width_m() - many.max_width_m()];
+        assert!(sizes.iter().all(|differ| differ.abs() < 0.006), "{points} points: {sizes:?}");
+    }
+}
+
+#[test]
 fn what_is_no_blade_is_refused_by_name() {
     let refused = |body: &str| read(&drawing(body)).expect_err(body).to_string();
     let fork = "M146 280 V240 H60 V60 H68 V232 H146 V60 H154 V232 H232 V60 H240 V240 H154 V280 z";

@@ -23,13 +23,14 @@ use super::outline::Outline;
 pub const MAX_BYTES: usize = 64 << 20;
 /// Most blades in one file: as many as a library holds.
 pub const MAX_BLADES: usize = MAX_LIBRARY_BLADES;
-/// Most points of an outline, with its curves divided, and without those that nobody could tell apart.
-const MAX_POINTS: usize = 20_000;
+/// Points that an outline is brought to at most, its curves divided: what follows takes time by their number.
+const MAX_POINTS: usize = 6_000;
 /// Straight pieces of a curve segment, at most.
 const MAX_PIECES: f32 = 24.0;
 /// As far as this share of its path's size, a curve may be from its pieces.
 const FLATNESS: f32 = 5e-5;
-/// Points nearer to the last one than this share of an outline's size are left out.
+/// Points nearer to the last one than this share of an outline's size are left out; or than twice as much, and so on,
+/// where there are still too many.
 const THINNED: f32 = 1.25e-4;
 
 const CROSSES: &str =
@@ -289,11 +290,10 @@ fn only(contours: &[Outline]) -> Result<Outline, String> {
     if !(size.is_finite() && size.max_element() > 1e-3 && size.max_element() < 1e5) {
         return Err(format!("it is {} mm by {} mm; expected 0.001 mm to 100 m", size.x, size.y));
     }
-    let thinned = largest.thinned(THINNED * size.max_element());
-    if thinned.points.len() > MAX_POINTS {
-        let found = thinned.points.len();
-        return Err(format!("it has {found} points; expected at most {MAX_POINTS}: simplify it"));
-    }
+    let distances =
+        std::iter::successors(Some(THINNED * size.max_element()), |distance| Some(2.0 * distance));
+    let mut thinner = distances.map(|distance| largest.thinned(distance));
+    let thinned = thinner.find(|it| it.points.len() <= MAX_POINTS).expect("in the end one is left");
     Ok(if thinned.points.len() < 3 { largest.clone() } else { thinned })
 }
 
