@@ -228,9 +228,9 @@ fn however_many_points_an_outline_has_it_is_the_same_blade() {
     let oval = |points: usize| {
         let at = |k: usize| {
             let angle = 2.0 * PI * k as f32 / points as f32;
-            // Teeth of 2 mm, as many as there are points.
-            let r = 99.0 + 2.0 * (k % 2) as f32;
-            format!("{:.3},{:.3} ", 150.0 + 0.3 * r * angle.sin(), 150.0 - r * angle.cos())
+            // Teeth of 20 mm, as many as there are points.
+            let r = 80.0 + 20.0 * (k % 2) as f32;
+            format!("{:.3},{:.3} ", 150.0 + 0.5 * r * angle.sin(), 150.0 - r * angle.cos())
         };
         let points: String = (0..points).map(at).collect();
         read(&drawing(&format!("<polygon id='oval' points='{points}'/>"))).expect("a leaf").remove(0)
@@ -239,7 +239,7 @@ fn however_many_points_an_outline_has_it_is_the_same_blade() {
     for points in [4_000, 100_000] {
         let many = oval(points);
         let sizes = [few.length_m() - many.length_m(), few.max_width_m() - many.max_width_m()];
-        assert!(sizes.iter().all(|differ| differ.abs() < 0.006), "{points} points: {sizes:?}");
+        assert!(sizes.iter().all(|differ| differ.abs() < 0.03), "{points} points: {sizes:?}");
     }
 }
 

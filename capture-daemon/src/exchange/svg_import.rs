@@ -23,14 +23,14 @@ use super::outline::Outline;
 pub const MAX_BYTES: usize = 64 << 20;
 /// Most blades in one file: as many as a library holds.
 pub const MAX_BLADES: usize = MAX_LIBRARY_BLADES;
-/// Points that an outline is brought to at most, its curves divided: what follows takes time by their number.
+/// Points that an outline has at most, its curves divided: what follows takes time by their number. One that has more
+/// gets as many, at equal distances along it.
 const MAX_POINTS: usize = 6_000;
 /// Straight pieces of a curve segment, at most.
 const MAX_PIECES: f32 = 24.0;
 /// As far as this share of its path's size, a curve may be from its pieces.
 const FLATNESS: f32 = 5e-5;
-/// Points nearer to the last one than this share of an outline's size are left out; or than twice as much, and so on,
-/// where there are still too many.
+/// Points nearer to the last one than this share of an outline's size are left out.
 const THINNED: f32 = 1.25e-4;
 
 const CROSSES: &str =
@@ -290,10 +290,12 @@ fn only(contours: &[Outline]) -> Result<Outline, String> {
     if !(size.is_finite() && size.max_element() > 1e-3 && size.max_element() < 1e5) {
         return Err(format!("it is {} mm by {} mm; expected 0.001 mm to 100 m", size.x, size.y));
     }
-    let distances =
-        std::iter::successors(Some(THINNED * size.max_element()), |distance| Some(2.0 * distance));
-    let mut thinner = distances.map(|distance| largest.thinned(distance));
-    let thinned = thinner.find(|it| it.points.len() <= MAX_POINTS).expect("in the end one is left");
+    let mut thinned = largest.thinned(THINNED * size.max_element());
+    if thinned.points.len() > MAX_POINTS {
+        thinned.points.extend(thinned.points.first().copied());
+        thinned.points = polyline::resample(&thinned.points, MAX_POINTS + 1);
+        thinned.points.pop();
+    }
     Ok(if thinned.points.len() < 3 { largest.clone() } else { thinned })
 }
 
