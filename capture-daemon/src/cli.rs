@@ -1,6 +1,7 @@
 //! The command line of `sward-capture`.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use common::manual::Shell;
@@ -95,7 +96,8 @@ pub enum Verb {
     Preview(PreviewArgs),
     /// Have the station that runs read its configuration again
     ///
-    /// Names the keys that changed, and those that wait for a restart.
+    /// Names the keys that changed, and those that wait for a restart. The station reads the file that it was started
+    /// with: another one, and other keys than `service.socket` with --set, are refused.
     ///
     /// Exit code 0: done; 1: no station answers, or it refuses; 2: the configuration is not valid, and the
     /// old one stays.
@@ -179,6 +181,9 @@ pub enum BladesVerb {
     },
     /// Take a blade out of the library; `restore` brings it back
     ///
+    /// Nothing else does: a blade that was removed is not captured again, so that a recording that begins anew does not
+    /// bring it back.
+    ///
     /// Example: sward-capture blades remove fern
     Remove {
         /// Name of the blade
@@ -194,13 +199,22 @@ pub enum BladesVerb {
     /// has the name meanwhile goes to the history, so that the same command again undoes this one. Up to 16 blades
     /// of a name are kept; `show` lists them.
     ///
+    /// With --all, every blade comes back whose name no blade has now: of a folder that was emptied, all.
+    ///
     /// Example: sward-capture blades restore fern --back 2
     Restore {
         /// Name that the blade had
-        name: String,
+        #[arg(required_unless_present = "all")]
+        name: Option<String>,
         /// How many blades to go back, 1 to 100, as `show` counts them
         #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = back)]
         back: i64,
+        /// All that was removed, by whatever way, and is not there again
+        #[arg(long, conflicts_with_all = ["name", "back"])]
+        all: bool,
+        /// Of these, what went within the last so many seconds, 0 to 1000000000
+        #[arg(long, value_name = "S", requires = "all", conflicts_with = "name", value_parser = seconds)]
+        since: Option<Duration>,
         /// Which station.
         #[command(flatten)]
         station: StationArgs,
@@ -225,17 +239,19 @@ pub enum BladesVerb {
     /// Where one of several is refused, the others are put there nevertheless.
     ///
     /// Each closed path of a drawing is a blade, upright with its root at the bottom; an open path inside
-    /// whose id begins with `midrib` is its midrib. A blade is called, in this order, by an id that somebody gave its
+    /// whose id begins with `midrib` is its midrib. A blade has one width to each side at every place of its midrib: teeth
+    /// and lobes become what is most like them so, and what they become, and how like, is said. A blade is called, in this order, by an id that somebody gave its
     /// path, by the path's `inkscape:label`, by its `<title>`, by an id that a drawing program made up (`path846`), by
     /// the group around it; the second of a name in one drawing gets `-2` behind it. A blade that has the name
-    /// already is replaced, and `restore` goes back to it.
+    /// already is replaced, and `restore` goes back to it. A .toml that is a copy of another blade's gets an id of its
+    /// own.
     ///
     /// Example: sward-capture blades import fern.svg --length-mm 180
     Import {
         /// The file, .svg or .toml
         file: PathBuf,
         /// Name of the blade, 1 to 48 bytes, where the file holds a single one [default: as in the file]
-        #[arg(long)]
+        #[arg(long, allow_hyphen_values = true)]
         name: Option<String>,
         /// Length of each midrib, millimetres, 1 to 10000 [default: as drawn]
         #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = length_mm)]
@@ -250,7 +266,7 @@ pub enum BladesVerb {
     Mix {
         /// Name of the blade
         name: String,
-        /// Weight of the blade, times that of the others, 0 to 1000000; all have 1 at first
+        /// Weight of the blade, times that of the others, 0, or 1e-30 to 1000000; all have 1 at first
         #[arg(allow_negative_numbers = true, value_parser = weight)]
         weight: f64,
         /// Which station.
@@ -301,6 +317,9 @@ pub struct PreviewArgs {
 /// What to look after.
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
+    /// The socket of the station to look at [default: service.socket of the configuration]
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
     /// Configuration.
     #[command(flatten)]
     pub config: ConfigArgs,
@@ -393,9 +412,14 @@ fn back(text: &str) -> Result<i64, String> {
     back.ok_or_else(|| "expected a whole number of 1 to 100".to_owned())
 }
 
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=1e9).contains(seconds));
+    seconds.map(Duration::from_secs_f64).ok_or_else(|| "expected a number of 0 to 1000000000".to_owned())
+}
+
 fn weight(text: &str) -> Result<f64, String> {
     // Its range is the station's to say.
-    text.parse().map_err(|_| "expected a number of 0 to 1000000".to_owned())
+    text.parse().map_err(|_| "expected 0, or a number of 1e-30 to 1000000".to_owned())
 }
 
 fn rate(text: &str) -> Result<f64, String> {

@@ -9,7 +9,7 @@ use std::time::{Duration, SystemTime};
 use anyhow::Context;
 use common::blade::MAX_MIX;
 use common::protocol::{
-    Blade, EarlierBlade, ListBladesReply, ListHistoryReply, RefusedFile, ReloadReply, StationError, Status,
+    Blade, EarlierBlade, ListBladesReply, ListHistoryReply, RefusedFile, StationError, Status,
 };
 use common::sentence::{counted, print, print_on};
 use common::station::StationProxy;
@@ -17,6 +17,7 @@ use serde::Serialize;
 
 use crate::cli::{BladesVerb, ListArgs, StationArgs, StatusArgs};
 use crate::config;
+use crate::store::orders::MIN_MIX;
 
 /// How long a station may take to answer.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -25,15 +26,18 @@ const HANGUPS: [ErrorKind; 2] = [ErrorKind::BrokenPipe, ErrorKind::ConnectionRes
 
 mod files;
 mod preview;
+mod reload;
+mod restore;
 
 pub use preview::preview;
+pub use reload::reload;
 
 /// Why a station did not do what was asked. One sentence without its full stop.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// Nobody listens.
     #[error(
-        "{socket}: no station answers: {reason}; start one with sward-capture run, or name its socket with --socket"
+        "{socket}: no station answers: {reason}; start one with sward-capture run, or name its socket with --socket: that is the service.socket that it was started with"
     )]
     NoStation {
         /// The socket.
@@ -75,7 +79,7 @@ pub enum ClientError {
         /// What is odd.
         reason: String,
     },
-    /// A file that was named is not what is needed.
+    /// A file or an argument that was given is not what is needed.
     #[error("{file}: {reason}")]
     BadFile {
         /// The file.
@@ -214,26 +218,6 @@ pub fn status(args: &StatusArgs) -> anyhow::Result<()> {
     }
 }
 
-/// `sward-capture reload`.
-///
-/// # Errors
-/// When no station answers, it refuses, or stdout cannot be written.
-pub fn reload(args: &StationArgs) -> anyhow::Result<()> {
-    let ReloadReply { changed, restart } =
-        Station::connect(args)?.call(async |station| station.reload().await)?;
-    let mut text = String::new();
-    for key in &changed {
-        writeln!(text, "{key} is changed")?;
-    }
-    for key in &restart {
-        writeln!(text, "{key} changes with the next start")?;
-    }
-    if text.is_empty() {
-        text.push_str("nothing is changed\n");
-    }
-    Ok(print(&text)?)
-}
-
 /// `sward-capture blades`.
 ///
 /// # Errors
@@ -248,15 +232,16 @@ pub fn blades(verb: &BladesVerb) -> anyhow::Result<()> {
         BladesVerb::Remove { name, station } => {
             change(station, async |station| station.remove_blade(name).await)
         }
-        BladesVerb::Restore { name, back, station } => {
+        BladesVerb::Restore { name: Some(name), back, station, .. } => {
             change(station, async |station| station.restore_blade(name, Some(*back)).await)
         }
+        BladesVerb::Restore { name: None, since, station, .. } => restore::all(*since, station),
         BladesVerb::Export { file, names, station } => files::export(file, names, station),
         BladesVerb::Import { file, name, length_mm, station } => {
             files::import(file, name.as_deref(), *length_mm, station)
         }
         BladesVerb::Mix { name, weight, station } => {
-            if !(0.0..=f64::from(MAX_MIX)).contains(weight) {
+            if *weight != 0.0 && !(MIN_MIX..=f64::from(MAX_MIX)).contains(weight) {
                 // JSON could not even hold some of these.
                 return Err(ClientError::Refused(StationError::InvalidMix { mix: *weight }).into());
             }
@@ -428,7 +413,8 @@ fn status_page(status: &Status) -> String {
             counted(refused_files.cast_unsigned(), "file")
         );
     }
-    text + &format!("clients   {clients}\nconfig    {config}\nversion   {version}\n")
+    let file = status.config_file.as_ref().map_or(String::new(), |file| format!(", with {file}"));
+    text + &format!("clients   {clients}\nconfig    {config}{file}\nversion   {version}\n")
 }
 
 #[cfg(test)]

@@ -109,8 +109,12 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     let (library, library_seen) = watch::channel(None);
     let (holdings, holdings_seen) = watch::channel(Arc::new(Holdings::default()));
     let description = source.as_ref().map_or_else(|| "none".to_owned(), |source| source.describe());
-    let (status, status_seen) =
-        watch::channel(Status::at_start(&description, &config.capture_hash(), env!("CARGO_PKG_VERSION")));
+    let config_file =
+        args.config.as_deref().map(|file| file.canonicalize().unwrap_or_else(|_| file.to_path_buf()));
+    let (status, status_seen) = watch::channel(Status {
+        config_file: config_file.map(|file| file.display().to_string()),
+        ..Status::at_start(&description, &config.capture_hash(), env!("CARGO_PKG_VERSION"))
+    });
     let (looks, looks_seen) = watch::channel(None);
     let (access, access_seen) = watch::channel(access_of(&config));
     let (jobs, jobs_come) = mpsc::sync_channel(keeper::QUEUE);

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
-use common::blade::{BladeId, Kind};
+use common::blade::BladeId;
 use common::protocol::{self, CaptureReply, EarlierBlade, RefusedFile, StationError};
 use notify::Watcher;
 use notify::event::{AccessKind, AccessMode};
@@ -17,6 +17,10 @@ use crate::service::Published;
 use crate::store::record::Record;
 use crate::store::shelf::Version;
 use crate::store::{Kept, Store, StoreError};
+
+mod told;
+
+use told::{shown, told};
 
 /// Orders and captures that may wait for the keeper.
 pub(crate) const QUEUE: usize = 256;
@@ -30,6 +34,12 @@ const QUIET: Duration = Duration::from_millis(60);
 const PATIENCE: Duration = Duration::from_millis(400);
 /// How often the folder is read though nothing was heard of it.
 const BACKSTOP: Duration = Duration::from_secs(30);
+
+/// Of a blade that was captured, removed, and held up again.
+const REMOVED: &str =
+    "it was captured before and then removed or replaced; sward-capture blades restore brings it back";
+/// Of a blade that found no room.
+const LOST: &str = "it could not be kept; the station's log says why";
 
 /// What someone wants changed.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,6 +81,8 @@ pub(crate) enum Job {
     Order(Order, oneshot::Sender<Outcome<()>>),
     /// What a name can go back to.
     History(String, oneshot::Sender<Vec<EarlierBlade>>),
+    /// What names that no blade has now would go back to.
+    Removed(oneshot::Sender<Vec<EarlierBlade>>),
     /// Look whether files have changed.
     Files,
     /// Finish.
@@ -177,6 +189,7 @@ impl Keeper {
                 Ok(Job::Captured(records, asked)) => self.captured(records, asked),
                 Ok(Job::Order(order, asked)) => self.obey(&order, asked),
                 Ok(Job::History(name, asked)) => self.tell_history(&name, asked),
+                Ok(Job::Removed(asked)) => self.tell_removed(asked),
                 Ok(Job::Files) | Err(mpsc::RecvTimeoutError::Timeout) => {}
             }
             let now = Instant::now();
@@ -243,18 +256,24 @@ impl Keeper {
             self.repeats += 1;
         }
         self.announce();
-        let Some((asked, refused)) = asked else { return };
-        let names = ids.iter().filter_map(|id| {
-            let id = id.to_string();
-            let holdings = self.announcements.holdings.borrow();
-            holdings.blades.iter().find(|blade| blade.id == id).map(|blade| blade.name.clone())
-        });
-        let names: Vec<String> = names.collect();
-        let outcome = match &self.trouble {
-            Some(reason) if names.len() < ids.len() => {
-                Err(StationError::StoreTrouble { reason: reason.clone() })
+        let Some((asked, mut refused)) = asked else { return };
+        let mut names = Vec::new();
+        let mut waiting = 0;
+        for id in ids {
+            if let Some(name) = self.store.name_of(id) {
+                names.push(name.to_owned());
+            } else if self.waiting.iter().any(|record| record.blade.id() == id) {
+                waiting += 1;
+            } else if self.store.is_removed(id) {
+                refused.push(REMOVED.to_owned());
+            } else {
+                refused.push(LOST.to_owned());
             }
-            _ => Ok(CaptureReply { names, refused }),
+        }
+        let reason = || self.trouble.clone().unwrap_or_else(|| "there is no room for it".to_owned());
+        let outcome = match waiting {
+            0 => Ok(CaptureReply { names, refused }),
+            waiting => Err(StationError::CaptureWaits { names, waiting, reason: reason() }),
         };
         // Who asked may have left.
         let _ = asked.send(outcome);
@@ -331,15 +350,26 @@ impl Keeper {
 
     fn tell_history(&mut self, name: &str, asked: oneshot::Sender<Vec<EarlierBlade>>) {
         self.rescan();
-        let earlier = |(version, back): (Version, i64)| EarlierBlade {
+        let earlier = self.store.earlier(name).into_iter().zip(1..);
+        // Who asked may have left.
+        let _ = asked.send(earlier.map(|(version, back)| self.earlier(version, back)).collect());
+    }
+
+    fn tell_removed(&mut self, asked: oneshot::Sender<Vec<EarlierBlade>>) {
+        self.rescan();
+        let removed = self.store.removed().into_iter();
+        // Who asked may have left.
+        let _ = asked.send(removed.map(|version| self.earlier(version, 1)).collect());
+    }
+
+    fn earlier(&self, version: Version, back: i64) -> EarlierBlade {
+        EarlierBlade {
             back,
             kept_unix_ns: i64::try_from(version.kept_unix_ns).unwrap_or(i64::MAX),
             archived: self.store.is_archived(&version),
             renamed_to: version.renamed_to,
             blade: shown(&version.record),
-        };
-        // Who asked may have left.
-        let _ = asked.send(self.store.earlier(name).into_iter().zip(1..).map(earlier).collect());
+        }
     }
 
     fn rescan(&mut self) {
@@ -447,43 +477,5 @@ impl Keeper {
                 None
             }
         }
-    }
-}
-
-/// A blade as the service shows it.
-fn shown(record: &Record) -> protocol::Blade {
-    let blade = &record.blade;
-    // What was measured as 0.1 is shown as 0.1, not as the f64 next to that f32.
-    let shortest = |value: f32| format!("{value:?}").parse().unwrap_or(f64::from(value));
-    protocol::Blade {
-        name: blade.name().to_owned(),
-        id: blade.id().to_string(),
-        kind: match blade.kind() {
-            Kind::Blade => "blade".to_owned(),
-            Kind::Leaf => "leaf".to_owned(),
-        },
-        length_m: shortest(blade.length_m()),
-        max_width_m: shortest(blade.max_width_m()),
-        knots: blade.knots().len() as i64,
-        mix: shortest(blade.mix()),
-        quality: shortest(blade.quality()),
-        pinned: record.pinned,
-        captured_unix_ns: i64::try_from(blade.captured_unix_ns()).unwrap_or(i64::MAX),
-        source: record.provenance.source.clone(),
-        frames: record.provenance.frames.map(|frames| i64::try_from(frames).unwrap_or(i64::MAX)),
-    }
-}
-
-/// A store's error as the service tells it.
-fn told(error: StoreError) -> StationError {
-    let reason = error.to_string();
-    match error {
-        StoreError::NotFound(name) => StationError::NoSuchBlade { name },
-        StoreError::Taken(name) => StationError::NameTaken { name },
-        StoreError::Name(reason) => StationError::InvalidName { reason },
-        StoreError::Mix(mix) => StationError::InvalidMix { mix },
-        StoreError::NoHistory(name) => StationError::NothingToRestore { name },
-        StoreError::Refused { reason } => StationError::FileRefused { reason },
-        StoreError::AllPinned | StoreError::Disk { .. } => StationError::StoreTrouble { reason },
     }
 }

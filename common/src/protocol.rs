@@ -79,6 +79,8 @@ pub struct Status {
     pub clients: i64,
     /// Hex of a hash of the keys that the capture goes by.
     pub config: String,
+    /// Path of the configuration file that it reads; absent where it has none.
+    pub config_file: Option<String>,
     /// Of the program.
     pub version: String,
 }
@@ -103,6 +105,7 @@ impl Status {
             refused_files: 0,
             clients: 0,
             config: config.to_owned(),
+            config_file: None,
             version: version.to_owned(),
         }
     }
@@ -180,6 +183,14 @@ pub struct ListBladesReply {
 pub struct ListHistoryReply {
     /// What the name can go back to, the newest first.
     pub earlier: Vec<EarlierBlade>,
+}
+
+/// The reply of `ListRemoved`.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct ListRemovedReply {
+    /// What names that no blade has now would go back to, what went last first.
+    pub removed: Vec<EarlierBlade>,
 }
 
 /// The reply of `Capture`.
@@ -261,6 +272,15 @@ pub enum StationError {
         /// What the system said.
         reason: String,
     },
+    /// What was captured is not on disk yet, and comes by itself.
+    CaptureWaits {
+        /// Blades of this capture that are in the library.
+        names: Vec<String>,
+        /// Blades of this capture that wait.
+        waiting: i64,
+        /// What the system said.
+        reason: String,
+    },
     /// Nothing is held before the camera, or it went away before it was captured.
     NothingHeld,
     /// No frames come.
@@ -308,7 +328,7 @@ impl std::fmt::Display for StationError {
                 f.write_str(reason)
             }
             Self::InvalidMix { mix } => {
-                write!(f, "the mix weight is {mix:?}, expected a number of 0 to 1000000")
+                write!(f, "the mix weight is {mix:?}, expected 0, or a number of 1e-30 to 1000000")
             }
             Self::NothingToRestore { name } => write!(
                 f,
@@ -320,6 +340,11 @@ impl std::fmt::Display for StationError {
                     "the store cannot do it: {reason}; nothing has changed, try again when that is mended"
                 )
             }
+            Self::CaptureWaits { waiting, reason, .. } => write!(
+                f,
+                "{} captured, and cannot be kept yet: {reason}; it is tried again every second and comes by itself when that is mended",
+                if *waiting == 1 { "1 blade is".to_owned() } else { format!("{waiting} blades are") }
+            ),
             Self::NothingHeld => {
                 f.write_str("nothing is held before the camera; hold something up and try again")
             }
@@ -381,6 +406,7 @@ mod tests {
             ("GetStatus()", GetStatusReply::TYPE),
             ("ListBlades()", ListBladesReply::TYPE),
             ("ListHistory(name:string)", ListHistoryReply::TYPE),
+            ("ListRemoved()", ListRemovedReply::TYPE),
             ("Capture()", CaptureReply::TYPE),
             ("Reload()", ReloadReply::TYPE),
         ] {

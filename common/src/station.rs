@@ -6,8 +6,8 @@ use std::os::fd::OwnedFd;
 use crate::library::{Snapshot, SnapshotError};
 use crate::preview::{self, PreviewError};
 use crate::protocol::{
-    GetStatusReply, Library, ListBladesReply, ListHistoryReply, MAX_SNAPSHOT_BYTES, Preview, ReloadReply,
-    StationError,
+    GetStatusReply, Library, ListBladesReply, ListHistoryReply, ListRemovedReply, MAX_SNAPSHOT_BYTES,
+    Preview, ReloadReply, StationError,
 };
 use crate::sealed::{SealedBytes, SealedError};
 
@@ -35,6 +35,8 @@ pub trait StationProxy {
         &mut self,
         name: &str,
     ) -> zlink_core::Result<Result<ListHistoryReply, StationError>>;
+    /// What names that no blade has now would go back to.
+    async fn list_removed(&mut self) -> zlink_core::Result<Result<ListRemovedReply, StationError>>;
     /// Has the configuration read again.
     async fn reload(&mut self) -> zlink_core::Result<Result<ReloadReply, StationError>>;
     /// Sets how often a blade stands in the meadow.

@@ -26,10 +26,18 @@ inside)
   mount -t cgroup2 cgroup2 /sys/fs/cgroup
   for file in passwd group; do
     cp "/etc/$file" "$folder/$file"
+  done
+  id=4711
+  for user in sward sward-render; do
+    grep -q "^$user:" "$folder/group" || echo "$user:x:$id:" >>"$folder/group"
+    grep -q "^$user:" "$folder/passwd" || echo "$user:x:$id:$id::/:/usr/sbin/nologin" >>"$folder/passwd"
+    id=$((id + 1))
+  done
+  # As sysusers.d says: the meadow may connect to the station.
+  grep -q '^sward:.*sward-render' "$folder/group" || sed -i 's/^sward:[^:]*:[^:]*:.*[^:]$/&,/; s/^sward:.*/&sward-render/' "$folder/group"
+  for file in passwd group; do
     mount --bind "$folder/$file" "/etc/$file"
   done
-  grep -q '^sward:' /etc/group || echo 'sward:x:4711:' >>/etc/group
-  grep -q '^sward:' /etc/passwd || echo 'sward:x:4711:4711::/:/usr/sbin/nologin' >>/etc/passwd
   mount -t tmpfs -o mode=755 tmpfs /run
   mkdir -p /run/sward-test /run/systemd/system
   cp -r "$folder/bin" "$folder/etc" /run/sward-test
@@ -38,6 +46,7 @@ inside)
   [ -d /lib/systemd/system ]
   mount -t tmpfs -o mode=755 tmpfs /etc/systemd/system
   mount -t tmpfs -o mode=755 tmpfs /var/lib
+  mount -t tmpfs -o mode=755 tmpfs /var/cache
   cp "$folder"/units/* /etc/systemd/system
   : >"$folder/console"
   mount --bind "$folder/console" /dev/console

@@ -99,7 +99,11 @@ impl Station {
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(8))];
         let mut ancillary = RecvAncillaryBuffer::new(&mut space);
         let mut slices = [IoSliceMut::new(&mut bytes)];
-        let read = recvmsg(&self.0, &mut slices, &mut ancillary, RecvFlags::CMSG_CLOEXEC)?.bytes;
+        // A debugger or a stop of the whole test is no answer.
+        let read = rustix::io::retry_on_intr(|| {
+            recvmsg(&self.0, &mut slices, &mut ancillary, RecvFlags::CMSG_CLOEXEC)
+        })?
+        .bytes;
         if read == 0 {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }

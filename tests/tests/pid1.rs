@@ -17,8 +17,11 @@ use tests::station::Station;
 use tests::{root, shipped_recording};
 
 const STATION: &str = "sward-capture.service";
+const MEADOW: &str = "sward-render.service";
 /// Where the programs and their configuration are in there.
 const INSIDE: &str = "/run/sward-test";
+/// Small pictures of the meadow, where its unit lets it write.
+const HEADLESS: &str = "--headless --frames 100000000 --size 64x36 --socket /run/sward/station.sock --out /var/cache/sward-render/out";
 /// What the units want of a machine to be there, and nothing in it.
 const STUBS: [&str; 6] = ["sysinit", "basic", "sockets", "shutdown", "umount", "final"];
 
@@ -65,14 +68,17 @@ impl Machine {
             fs::create_dir(made).expect("room");
         }
         fs::copy(Program::Capture.path(), programs.join("sward-capture")).expect("room");
+        fs::copy(Program::Render.path(), programs.join("sward-render")).expect("room");
         fs::copy(shipped_recording(), config.join("row-3.mcap")).expect("room");
         let text = format!("[source]\nrecording = \"{INSIDE}/etc/row-3.mcap\"\nloop = true\n");
         fs::write(config.join("capture-daemon.toml"), text).expect("room");
-        for unit in ["sward-capture.service", "sward-capture.socket"] {
+        for unit in [STATION, "sward-capture.socket", MEADOW] {
             let text = fs::read_to_string(root().join("systemd").join(unit)).expect("readable");
             let text = text.replace("/usr/bin/", &format!("{INSIDE}/bin/"));
             let text = text.replace("/etc/sward/", &format!("{INSIDE}/etc/"));
             let text = text.replace("WatchdogSec=30", "WatchdogSec=8");
+            // There is no display in there.
+            let text = text.replace("sward-render --kiosk", &format!("sward-render {HEADLESS}"));
             fs::write(units.join(unit), text).expect("room");
         }
         for stub in STUBS {
@@ -153,6 +159,19 @@ fn the_station_lives_under_systemd_as_its_units_say() {
     let after = ids(&mut station);
     assert!(after.is_superset(&before), "{before:?}, and then {after:?}");
     machine.waits_for("NRestarts", "1");
+
+    // The meadow draws its blades with all that its unit takes from it, shaders compiled to machine code and the
+    // station's socket among what is left.
+    assert_eq!(machine.systemctl(&["start", MEADOW]).code, Some(0));
+    let drawn = wait_for(DEADLINE, || {
+        let pictures = fs::read_dir(machine.path("/var/cache/sward-render/out")).ok()?;
+        (pictures.count() >= 3).then_some(())
+    });
+    let told = || machine.systemctl(&["status", "--no-pager", MEADOW]);
+    assert!(drawn.is_some(), "no picture comes: {:?}", told());
+    let serves = || (station.status()["clients"].as_i64() > Some(1)).then_some(());
+    wait_for(DEADLINE, serves).unwrap_or_else(|| panic!("it is no client: {:?}", told()));
+    assert_eq!(machine.systemctl(&["stop", MEADOW]).code, Some(0));
 
     // A reload waits for what comes of it.
     let config = machine.path(&format!("{INSIDE}/etc/capture-daemon.toml"));

@@ -88,7 +88,11 @@ fn each_verb_does_what_it_says_and_says_why_when_it_cannot() {
     refused(&client(&["blades", "rename", "moss", "../moss"]), 2, &["slash", "expected"]);
     refused(&client(&["blades", "mix", "moss", "-1"]), 2, &["-1", "0 to 1000000"]);
     refused(&client(&["blades", "mix", "moss", "nan"]), 2, &["NaN"]);
-    refused(&client(&["blades", "mix", "moss", "much"]), 2, &["'much'", "expected a number of 0 to 1000000"]);
+    refused(
+        &client(&["blades", "mix", "moss", "much"]),
+        2,
+        &["'much'", "expected 0, or a number of 1e-30 to 1000000"],
+    );
     refused(&client(&["blades", "restore", "heather"]), 1, &["no earlier blade \"heather\""]);
     assert_eq!(client(&["blades", "remove", "moss"]).code, Some(0));
     refused(&client(&["blades", "remove", "moss"]), 1, &["no blade \"moss\""]);
@@ -258,6 +262,7 @@ fn nothing_that_a_client_sends_stops_the_station() {
         r#"{"method":"io.sward.Station.RestoreBlade","parameters":{"name":"moss"},"oneway":true}"#,
         r#"{"method":"io.sward.Station.RestoreBlade","parameters":{"name":"fern","back":2}}"#,
         r#"{"method":"io.sward.Station.ListHistory","parameters":{"name":"fern"}}"#,
+        r#"{"method":"io.sward.Station.ListRemoved"}"#,
         r#"{"method":"io.sward.Station.Reload"}"#,
     ];
     let evil = [
@@ -316,7 +321,8 @@ fn nothing_that_a_client_sends_stops_the_station() {
     let mut station = daemon.connect();
     assert_eq!(station.status()["store"], "ok", "it still answers");
     let names: Vec<String> = station.library(0).blades().map(|blade| blade.name().to_owned()).collect();
-    assert!(names == ["fern"] || names == ["moss"], "{names:?}");
+    // Some of them give it another name, and none takes it away.
+    assert_eq!(names.len(), 1, "{names:?}");
     let (_, finished) = daemon.end();
     assert_eq!(finished.code, Some(0), "{finished:?}");
     assert!(!finished.stderr.contains("panicked"), "{}", finished.stderr);

@@ -88,13 +88,15 @@ fn systemd_accepts_the_units() {
 }
 
 #[test]
-fn the_stations_exposure_is_small() {
+fn the_exposure_of_both_services_is_small() {
     let (folder, _) = units();
     let threshold = format!("--threshold={EXPOSURE}");
-    let arguments = ["security", "--offline=true", "--no-pager", &threshold, "./sward-capture.service"];
-    let Some(exposed) = tool(folder.path(), "systemd-analyze", &arguments) else { return };
-    assert_eq!(exposed.code, Some(0), "{}\n{}", exposed.stdout, exposed.stderr);
-    assert!(exposed.stdout.contains("Overall exposure level for sward-capture.service"), "{exposed:?}");
+    for unit in ["sward-capture.service", "sward-render.service"] {
+        let arguments = ["security", "--offline=true", "--no-pager", &threshold, &format!("./{unit}")];
+        let Some(exposed) = tool(folder.path(), "systemd-analyze", &arguments) else { return };
+        assert_eq!(exposed.code, Some(0), "{}\n{}", exposed.stdout, exposed.stderr);
+        assert!(exposed.stdout.contains(&format!("Overall exposure level for {unit}")), "{exposed:?}");
+    }
 }
 
 #[test]

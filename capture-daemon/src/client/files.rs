@@ -1,6 +1,7 @@
 //! `blades export` and `blades import`.
 
 use std::collections::HashSet;
+use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -9,13 +10,15 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::{Context, bail};
 use common::blade::{Blade, BladeError, MAX_NAME_BYTES};
 use common::protocol::{Blade as Listed, MAX_MESSAGE_BYTES, StationError};
+use common::sentence::print;
 use common::station::{self, StationProxy};
 use serde_json::json;
 
 use super::{ClientError, Station};
 use crate::cli::StationArgs;
-use crate::exchange::svg_import::{self, ImportParams};
+use crate::exchange::svg_import::{self, DrawnBlade, ImportParams, MidribOrigin};
 use crate::exchange::{glb, svg_export};
+use crate::store::file::{MAX_BYTES as MAX_FILE_BYTES, TextError, utf8};
 use crate::store::record::{Provenance, Record};
 
 /// What a file is, by the end of its name.
@@ -78,7 +81,7 @@ fn library(args: &StationArgs) -> anyhow::Result<Vec<Blade>> {
     Ok(snapshot.blades().map(blade).collect::<Result<_, _>>()?)
 }
 
-/// Puts the blades of a file into the library.
+/// Puts the blades of a file into the library, and says of each what became of it.
 pub(super) fn import(
     file: &Path,
     name: Option<&str>,
@@ -88,48 +91,35 @@ pub(super) fn import(
     let shown = file.display().to_string();
     let bad = |reason: String| ClientError::BadFile { file: shown.clone(), reason };
     let kind = kind(file).unwrap_or_default();
-    if kind != "svg" && kind != "toml" {
-        let reason = "its name does not say what it is; expected one that ends with .svg or .toml";
-        return Err(bad(reason.into()).into());
-    }
-    let mut text = Vec::new();
-    // Nothing longer is of use, and it may be without an end.
-    let bounded = std::fs::File::open(file).map(|file| file.take(svg_import::MAX_BYTES as u64 + 1));
-    bounded
-        .and_then(|mut bounded| bounded.read_to_end(&mut text))
-        .map_err(|error| bad(format!("{error}; expected a file that can be read")))?;
-    if text.len() > svg_import::MAX_BYTES {
-        return Err(bad("it is too long; expected 4 MB at most".into()).into());
-    }
-    let blades: Vec<(String, Import)> = if kind == "svg" {
-        let unix_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_nanos() as u64);
-        let length_m = length_mm.map(|mm| mm * 1e-3);
-        let params = ImportParams { length_m, unix_ns, ..ImportParams::default() };
-        let drawn = svg_import::read(&text, &params).map_err(|error| bad(error.to_string()))?;
-        let names = distinct(drawn.iter().map(|blade| fit_for_a_file(blade.name())).collect());
-        names.into_iter().zip(drawn.into_iter().map(Import::Drawn)).collect()
-    } else if length_mm.is_some() {
-        return Err(bad("a blade's own file has its length; --length-mm is for drawings".into()).into());
-    } else {
-        let text = String::from_utf8(text).map_err(|_| {
-            bad("it is not UTF-8; expected the file of a blade, as the store has them".into())
-        })?;
-        let stem = file.file_stem().and_then(|stem| stem.to_str()).or(name);
-        let stem = stem.ok_or_else(|| bad("its name is not UTF-8; give the blade's with --name".into()))?;
-        vec![(stem.to_owned(), Import::File(text))]
+    let longest = match kind.as_str() {
+        "svg" => svg_import::MAX_BYTES as u64,
+        "toml" => MAX_FILE_BYTES,
+        _ => {
+            let reason = "its name does not say what it is; expected one that ends with .svg or .toml";
+            return Err(bad(reason.into()).into());
+        }
+    };
+    let bytes = bounded(file, longest).map_err(&bad)?;
+    let (blades, unused_midribs) = match kind.as_str() {
+        "svg" => drawn(&bytes, length_mm).map_err(&bad)?,
+        _ if length_mm.is_some() => {
+            return Err(bad("a blade's own file has its length; --length-mm is for drawings".into()).into());
+        }
+        _ => (vec![own_file(file, bytes, name)?], Vec::new()),
     };
     if name.is_some() && blades.len() != 1 {
         return Err(bad(format!("it holds {} blades; --name is for a single one", blades.len())).into());
     }
     let mut station = Station::connect(args)?;
     let there = station.call(async |station| station.list_blades().await)?.blades;
-    let mut put = |own: &str, import: Import| {
+    let mut put = |own: &str, import: &Import| {
         let name = name.unwrap_or(own);
         let text = match import {
-            Import::File(text) => text,
-            Import::Drawn(blade) => {
+            Import::File(text) => text.clone(),
+            Import::Drawn(drawn) => {
                 let before = there.iter().find(|before| before.name == name);
-                record(blade, &shown, before).map_err(|error| bad(error.to_string()))?.to_toml()
+                let record = record(drawn.blade.clone(), &shown, before);
+                record.map_err(|error| bad(error.to_string()))?.to_toml()
             }
         };
         fits(name, &text).map_err(&bad)?;
@@ -138,8 +128,12 @@ pub(super) fn import(
     let all = blades.len();
     let mut failed = Vec::new();
     for (own, import) in blades {
-        match put(&own, import) {
-            Ok(()) => {}
+        match put(&own, &import) {
+            Ok(()) => {
+                let called = name.unwrap_or(&own);
+                let is_replaced = there.iter().any(|before| before.name == called);
+                print(&format!("{called}: {}\n", outcome(called, name, &import, is_replaced)))?;
+            }
             Err(error) if all == 1 => return Err(error.into()),
             Err(error @ (ClientError::Refused(_) | ClientError::BadFile { .. })) => {
                 failed.push(format!("{own:?}: {error}"));
@@ -148,6 +142,11 @@ pub(super) fn import(
             Err(error) => return Err(error).context(format!("{shown}: {own:?} and what follows is not put")),
         }
     }
+    for midrib in unused_midribs {
+        print(&format!(
+            "midrib {midrib:?} is not used: it lies in no outline, or in one that has another; move it inside to use it\n"
+        ))?;
+    }
     if failed.is_empty() {
         return Ok(());
     }
@@ -155,6 +154,83 @@ pub(super) fn import(
     bail!(
         "{shown}: {number} of its {all} blades were not put into the library: {reasons}; the others are in it"
     )
+}
+
+/// The bytes of a file, of which there are so many at most.
+fn bounded(file: &Path, longest: u64) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    // Nothing longer is of use, and it may be without an end.
+    let bounded = std::fs::File::open(file).map(|file| file.take(longest + 1));
+    bounded
+        .and_then(|mut bounded| bounded.read_to_end(&mut bytes))
+        .map_err(|error| format!("{error}; expected a file that can be read"))?;
+    if bytes.len() as u64 > longest {
+        return Err(format!("it is too long; expected {} KiB at most", longest >> 10));
+    }
+    Ok(bytes)
+}
+
+/// The blades of a drawing with the names that they are to have, and what midribs are not used.
+fn drawn(bytes: &[u8], length_mm: Option<f32>) -> Result<(Vec<Named>, Vec<String>), String> {
+    let unix_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_nanos() as u64);
+    let length_m = length_mm.map(|mm| mm * 1e-3);
+    let params = ImportParams { length_m, unix_ns, ..ImportParams::default() };
+    let drawing = svg_import::read(bytes, &params).map_err(|error| error.to_string())?;
+    let names = distinct(drawing.blades.iter().map(|drawn| fit_for_a_file(drawn.blade.name())).collect());
+    let blades = drawing.blades.into_iter().map(|drawn| Import::Drawn(Box::new(drawn)));
+    Ok((names.into_iter().zip(blades).collect(), drawing.unused_midribs))
+}
+
+/// A blade's own file, and the name that it is to have.
+fn own_file(file: &Path, bytes: Vec<u8>, name: Option<&str>) -> Result<Named, ClientError> {
+    let shown = file.display();
+    let text = utf8(bytes).map_err(|TextError { place, reason }| ClientError::BadFile {
+        file: place.map_or(shown.to_string(), |(line, column)| format!("{shown}:{line}:{column}")),
+        reason: format!("{reason}, expected the file of a blade, as the store has them"),
+    })?;
+    let stem = file.file_stem().and_then(|stem| stem.to_str()).or(name);
+    let stem = stem.ok_or_else(|| ClientError::BadFile {
+        file: shown.to_string(),
+        reason: "its name is not UTF-8; give the blade's with --name".to_owned(),
+    })?;
+    Ok((stem.to_owned(), Import::File(text)))
+}
+
+/// What became of a blade on its way into the library, where it is `called` so now; `given`: the name that was asked
+/// for.
+fn outcome(called: &str, given: Option<&str>, import: &Import, is_replaced: bool) -> String {
+    let mut text = match import {
+        Import::File(_) => "put into the library".to_owned(),
+        Import::Drawn(drawn) => {
+            let DrawnBlade { blade, likeness, midrib, .. } = drawn.as_ref();
+            let [length, wide] = [blade.length_m(), blade.max_width_m()].map(|metres| metres * 1e3);
+            let (knots, alike) = (blade.knots().len(), 100.0 * likeness.agreement);
+            // As large as it is in the library, not as it is drawn.
+            let farthest = likeness.farthest_mm * drawn.scale;
+            let midrib = match midrib {
+                MidribOrigin::Drawn => "as drawn",
+                MidribOrigin::Found => "found",
+                MidribOrigin::Straight => "a straight line",
+            };
+            format!(
+                "{length:.1} mm long, {wide:.1} mm wide, {knots} knots, midrib {midrib}; {alike:.0} % like its outline, \
+                 {farthest:.1} mm from it at most"
+            )
+        }
+    };
+    if let (Import::Drawn(drawn), None) = (import, given) {
+        let label = &drawn.label;
+        if label.is_empty() {
+            text += "; nothing in the drawing gives it a name";
+        } else if label != called {
+            let _ =
+                write!(text, "; the drawing calls it {label:?}, which is taken, too long or no file's name");
+        }
+    }
+    if is_replaced {
+        text += "; the one before is in the history";
+    }
+    text
 }
 
 /// Whether the station reads a message as long as the one that puts this blade.
@@ -170,12 +246,15 @@ fn fits(name: &str, text: &str) -> Result<(), String> {
     ))
 }
 
+/// What is put into the library, and what it is to be called.
+type Named = (String, Import);
+
 /// What is put into the library.
 enum Import {
     /// A blade's own file, as it is.
     File(String),
     /// A blade from a drawing.
-    Drawn(Blade),
+    Drawn(Box<DrawnBlade>),
 }
 
 /// The file of a blade from a drawing. Another shape in the place of a blade leaves that one's weight, and whether
@@ -190,7 +269,7 @@ fn record(blade: Blade, source: &str, before: Option<&Listed>) -> Result<Record,
     Ok(Record { blade, pinned, sequence: None, measured: None, provenance })
 }
 
-/// Names of which no two are alike: the second of a name gets `-2` behind it, and so on, said in the log.
+/// Names of which no two are alike: the second of a name gets `-2` behind it, and so on.
 fn distinct(names: Vec<String>) -> Vec<String> {
     let mut taken: HashSet<String> = names.iter().cloned().collect();
     let mut given = HashSet::new();
@@ -207,18 +286,14 @@ fn distinct(names: Vec<String>) -> Vec<String> {
             }
             format!("{begin}{end}")
         };
-        let other = (2..).map(numbered).find(|other| taken.insert(other.clone())).unwrap_or_default();
-        tracing::warn!(
-            "another path of the drawing is called {name:?}, too: its blade gets the name {other:?}"
-        );
-        other
+        (2..).map(numbered).find(|other| taken.insert(other.clone())).unwrap_or_default()
     };
     names.into_iter().map(name_of).collect()
 }
 
 /// A path's name as that of a file.
 fn fit_for_a_file(name: &str) -> String {
-    name.replace('/', "-").trim_start_matches(['.', '-']).trim().to_owned()
+    name.replace('/', "-").trim_start_matches('.').trim().to_owned()
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use nix::unistd::{Group, User};
 use super::range::out_of_range;
 use super::{Config, manual};
 use crate::mistake;
+use crate::store::file::{TextError, utf8};
 
 /// Why a configuration cannot be used. The message begins with where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -84,9 +85,11 @@ fn read(file: Option<&Path>, sets: &[String]) -> Result<(Config, Vec<Document>),
                 reason: format!("it is larger than {MAX_BYTES} bytes, expected a TOML file"),
             });
         }
-        let text = String::from_utf8(bytes).map_err(|_| ConfigError::Invalid {
-            place: path.display().to_string(),
-            reason: "it is not UTF-8 text, expected a TOML file".to_owned(),
+        let text = utf8(bytes).map_err(|TextError { place, reason }| ConfigError::Invalid {
+            place: place.map_or(path.display().to_string(), |(line, column)| {
+                format!("{}:{line}:{column}", path.display())
+            }),
+            reason: format!("{reason}, expected a TOML file"),
         })?;
         documents.push(Document { origin: Origin::File(path.to_path_buf()), text });
     }

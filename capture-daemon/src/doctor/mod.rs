@@ -193,7 +193,10 @@ fn configuration(args: &DoctorArgs) -> (Option<Config>, Finding) {
     let place =
         args.config.config.as_deref().map_or("the defaults".into(), |path| path.display().to_string());
     match config::load(args.config.config.as_deref(), &args.config.sets) {
-        Ok(config) => (Some(config), Finding::ok("configuration", place, "every key is in its range")),
+        Ok(mut config) => {
+            config.service.socket = args.socket.clone().unwrap_or(config.service.socket);
+            (Some(config), Finding::ok("configuration", place, "every key is in its range"))
+        }
         Err(error) => {
             let (place, reason) = match &error {
                 ConfigError::Unreadable { path, reason } => (path, reason),
@@ -232,7 +235,11 @@ mod tests {
 
     fn args(config: Option<&Path>, sets: &[&str]) -> DoctorArgs {
         let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-        DoctorArgs { config: ConfigArgs { config: config.map(Path::to_path_buf), sets }, json: true }
+        DoctorArgs {
+            socket: None,
+            config: ConfigArgs { config: config.map(Path::to_path_buf), sets },
+            json: true,
+        }
     }
 
     #[test]

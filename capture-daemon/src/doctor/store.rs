@@ -12,7 +12,7 @@ use super::Finding;
 use super::socket::owner;
 use crate::mistake::one_line;
 use crate::store::archive;
-use crate::store::file::{Signature, blade_name, text, write_atomically};
+use crate::store::file::{SUFFIX, Signature, blade_name, text, write_atomically};
 use crate::store::record::Record;
 use crate::store::shelf;
 
@@ -20,6 +20,8 @@ use crate::store::shelf;
 const MIN_BYTES: u64 = 64 << 20;
 /// Files for the same.
 const MIN_FILES: u64 = 3 * MAX_BLADES as u64;
+/// The check of their number.
+const BLADES: &str = "store.blades";
 /// Refused files that are named.
 const MAX_NAMED: usize = 20;
 
@@ -36,7 +38,9 @@ pub(super) fn examine(folder: &Path, archive_max: usize) -> (Vec<Finding>, Optio
         all.push(space(folder, disk.f_bavail.saturating_mul(disk.f_frsize), files));
     }
     let (blades, newest_ns) = blades(&folder.join("blades"), MAX_BLADES);
+    let is_empty = blades.iter().any(|finding| finding.check == BLADES && finding.found.starts_with("0 "));
     all.extend(blades);
+    all.push(removed(folder, is_empty));
     all.push(archived(&folder.join("archive"), archive_max));
     (all, newest_ns)
 }
@@ -138,7 +142,7 @@ fn blades(folder: &Path, capacity: usize) -> (Vec<Finding>, Option<u64>) {
             continue;
         }
         let modified_ns = Signature::of(&path).map_or(0, |seen| seen.modified_unix_ns());
-        let read = text(&path).map_err(|reason| format!(": {reason}"));
+        let read = text(&path).map_err(|error| error.to_string());
         let read = read
             .and_then(|text| Record::parse(name, &text, modified_ns).map_err(|error| format!(":{error}")));
         match read {
@@ -185,9 +189,26 @@ fn has_last_good(blades: &Path, name: &str) -> bool {
     blades.parent().is_some_and(|store| shelf::newest_of_name(&store.join("history"), name).is_some())
 }
 
+/// What was removed and could come back.
+fn removed(store: &Path, is_empty: bool) -> Finding {
+    const CHECK: &str = "store.history";
+    let (blades, history) = (store.join("blades"), store.join("history"));
+    let is_there = |name: &String| blades.join(format!("{name}{SUFFIX}")).exists();
+    let gone = shelf::names(&history).into_iter().filter(|name| !is_there(name));
+    let gone = gone.filter(|name| shelf::newest_of_name(&history, name).is_some()).count();
+    let found = format!("{} whose name no file has now", counted(gone as u64, "removed blade"));
+    if is_empty && gone > 0 {
+        let remedy = "where nobody meant to remove them all, start the station and run sward-capture blades restore --all";
+        let found = format!("{found}, and no blade is left");
+        return Finding::trouble(CHECK, history.display(), found, "blades in the library", remedy);
+    }
+    let hint = if gone > 0 { "; sward-capture blades restore brings them back" } else { "" };
+    Finding::ok(CHECK, history.display(), format!("{found}{hint}"))
+}
+
 /// Whether a library holds them all.
 fn count(folder: &Path, blades: usize, pinned: usize, capacity: usize) -> Finding {
-    const CHECK: &str = "store.blades";
+    const CHECK: &str = BLADES;
     let found = format!("{}, {pinned} of them pinned", counted(blades as u64, "blade"));
     if pinned >= capacity {
         let remedy = "set pinned = false in some of their files, or remove some";
@@ -289,6 +310,25 @@ mod tests {
         let (found, _) = examine(place.path(), 10);
         let refused = found.iter().find(|finding| finding.check == "store.refused").expect("it is checked");
         assert_trouble(refused, &["the last good blade of that name is served"]);
+    }
+
+    #[test]
+    fn an_emptied_library_is_trouble_and_the_way_back_is_said() {
+        let place = tempfile::tempdir().expect("a folder");
+        let [blades, shelf] = ["blades", "history/fern"].map(|name| place.path().join(name));
+        fs::create_dir(&blades).expect("room");
+        let history = || {
+            let (found, _) = examine(place.path(), 10);
+            found.into_iter().find(|finding| finding.check == "store.history").expect("it is checked")
+        };
+        assert_eq!(history().verdict, Verdict::Ok, "there never was a blade");
+        fs::create_dir_all(&shelf).expect("room");
+        fs::write(shelf.join("000001.toml"), FERN).expect("room");
+        assert_trouble(&history(), &["1 removed blade", "no blade is left", "restore --all"]);
+        fs::write(blades.join("moss.toml"), FERN).expect("room");
+        assert!(history().verdict == Verdict::Ok && history().found.contains("restore"), "{}", history());
+        fs::write(blades.join("fern.toml"), FERN).expect("room");
+        assert!(history().found.starts_with("0 removed blades"), "{}", history());
     }
 
     #[test]

@@ -67,6 +67,45 @@ impl Outline {
         self.edges().filter_map(meet).min_by(f32::total_cmp)
     }
 
+    /// The distances from a point at which edges are crossed in a direction (a unit vector), rising: as many as
+    /// tell whether the point lies inside, also where corners are met. O(points).
+    pub(super) fn crossings(&self, from: Vec2, way: Vec2) -> Vec<f32> {
+        let side = |point: Vec2| way.perp_dot(point - from);
+        let cut = |(a, b): (Vec2, Vec2)| {
+            let (a_side, b_side) = (side(a), side(b));
+            ((a_side > 0.0) != (b_side > 0.0))
+                .then(|| way.dot(a - from) + way.dot(b - a) * (a_side / (a_side - b_side)))
+        };
+        let mut cuts: Vec<f32> = self.edges().filter_map(cut).filter(|reach| *reach > 0.0).collect();
+        cuts.sort_by(f32::total_cmp);
+        cuts
+    }
+
+    /// The centre of what it encloses; that of its points where it encloses nothing. O(points).
+    pub(super) fn centre(&self) -> Vec2 {
+        let from = self.points.first().copied().unwrap_or_default();
+        let part = |(a, b): (Vec2, Vec2)| {
+            let twice = (a - from).perp_dot(b - from);
+            (twice, (a - from + b - from) * twice / 3.0)
+        };
+        let (area, moment) =
+            self.edges().map(part).fold((0.0, Vec2::ZERO), |sum, part| (sum.0 + part.0, sum.1 + part.1));
+        let centre = from + moment / area;
+        let mean = || self.points.iter().sum::<Vec2>() / self.points.len().max(1) as f32;
+        if centre.is_finite() { centre } else { mean() }
+    }
+
+    /// The same without points that are nearer to the one before than this. O(points).
+    pub(super) fn thinned(&self, distance: f32) -> Self {
+        let mut points: Vec<Vec2> = Vec::new();
+        for point in &self.points {
+            if points.last().is_none_or(|last| last.distance(*point) >= distance) {
+                points.push(*point);
+            }
+        }
+        Self { points }
+    }
+
     /// Where the rows of a picture are inside of it: for each row with its centre at a whole number of y the
     /// columns, of which every second one ends a stretch. O(rows · points).
     pub(super) fn stretches(&self, y: f32) -> Vec<f32> {
@@ -92,6 +131,10 @@ mod tests {
         assert_eq!(of.reach(Vec2::new(2.0, 1.5), Vec2::NEG_Y), Some(0.5));
         assert_eq!(of.reach(Vec2::new(0.0, 0.0), Vec2::NEG_X), None);
         assert_eq!(of.stretches(2.5), [1.0, 3.0]);
+        assert_eq!(of.crossings(Vec2::new(2.0, 1.5), Vec2::NEG_X), [1.0]);
+        assert_eq!(of.crossings(Vec2::new(0.0, 1.75), Vec2::X), [1.0, 4.0]);
+        assert!(of.centre().distance(Vec2::new(7.0 / 3.0, 2.0)) < 1e-6);
+        assert_eq!([3.5, 4.5].map(|distance| of.thinned(distance).points.len()), [3, 1]);
     }
 
     #[test]

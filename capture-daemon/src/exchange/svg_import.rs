@@ -1,41 +1,37 @@
 //! SVG outlines, drawn by an artist or written by [`super::svg_export`], → blades.
 //!
 //! Each closed path is a blade. Its midrib is the open path inside of it whose id begins with `midrib`; without
-//! one it is found as that of a blade before the camera: the outline is drawn as a depth image and goes through the
-//! capture stages. Widths are those of the drawn curves, not of pixels. What a blade is called: `exchange/labels.rs`.
+//! one it is found (`exchange/midrib.rs`). A blade has one width to each side of its midrib at every place: of what is
+//! toothed or lobed it is the nearest that such a blade can be (`exchange/section.rs`), and how near is said with it.
+//! Widths are those of the drawn curves, not of pixels. What a blade is called: `exchange/labels.rs`.
 
-use common::blade::{Blade, BladeError, BladeId, Knot, MAX_NAME_BYTES};
+use common::blade::{Blade, BladeId, MAX_NAME_BYTES};
 use common::geometry::polyline;
-use common::refine::{RefineParams, refine};
-use common::strand::motions_in_wind;
-use glam::{Vec2, Vec3};
+use common::library::layout::MAX_BLADES as MAX_LIBRARY_BLADES;
+use common::refine::RefineParams;
+use glam::Vec2;
 use usvg::roxmltree;
 use usvg::tiny_skia_path::{PathSegment, Point};
 
+pub use super::fit::MidribOrigin;
+use super::fit::{Fitted, fit};
 use super::labels::Labels;
+pub use super::likeness::Likeness;
 use super::outline::Outline;
-use crate::frame::{CameraModel, DepthFrame};
-use crate::pipeline::{self, PipelineParams};
-use crate::stages::accumulate::Accumulation;
-use crate::stages::blade::MOTION_FRAMES;
-use crate::stages::skeleton::STATIONS;
 
-/// Longest file that is read, bytes.
-pub const MAX_BYTES: usize = 4 << 20;
-/// Most blades in one file.
-pub const MAX_BLADES: usize = 256;
-/// Most points of an outline, with its curves divided.
-const MAX_POINTS: usize = 100_000;
-/// Straight pieces of a curve segment.
-const PIECES: usize = 24;
-/// Pixels of the picture in which a midrib is looked for, along the longer side of the outline.
-const PICTURE_PX: f32 = 900.0;
-/// A width drawn by the midrib may miss this share of the outline's area: at its ends.
-const MAX_MISSED: f32 = 0.06;
-/// A half width changes by no more than this share of the largest from one cross-section to the next.
-const MAX_JUMP: f32 = 0.25;
-const EXPECTED: &str = "expected a single blade or leaf without lobes, upright with its root at the bottom, or its \
-                        midrib drawn with it, as a path whose id begins with \"midrib\"";
+/// Longest file that is read, bytes: a full library as it is exported is no longer.
+pub const MAX_BYTES: usize = 64 << 20;
+/// Most blades in one file: as many as a library holds.
+pub const MAX_BLADES: usize = MAX_LIBRARY_BLADES;
+/// Points that an outline has at most, its curves divided: what follows takes time by their number. One that has more
+/// gets as many, at equal distances along it.
+const MAX_POINTS: usize = 6_000;
+/// Straight pieces of a curve segment, at most.
+const MAX_PIECES: f32 = 24.0;
+/// As far as this share of its path's size, a curve may be from its pieces.
+const FLATNESS: f32 = 5e-5;
+/// Points nearer to the last one than this share of an outline's size are left out.
+const THINNED: f32 = 1.25e-4;
 
 const CROSSES: &str =
     "its outline crosses itself; expected a single curve around the blade: take the loop out of it";
@@ -55,7 +51,7 @@ pub struct ImportParams {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ImportError {
     /// Not SVG, or too large.
-    #[error("{0}; expected an SVG drawing of at most 4 MB")]
+    #[error("{0}; expected an SVG drawing of at most 64 MiB")]
     NotSvg(String),
     /// Nothing closed in it.
     #[error(
@@ -76,12 +72,35 @@ pub enum ImportError {
     },
 }
 
-/// The blades of a drawing, in the order of its paths, each with the name of its path (or of the group around it)
-/// as far as it has one. They are flat: z is 0, x to the right as drawn, the root at the origin.
+/// A blade of a drawing, and what became of it on the way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrawnBlade {
+    /// It is flat: z is 0, x to the right as drawn, the root at the origin.
+    pub blade: Blade,
+    /// What its path is called, or the group around it; empty where it is called nothing.
+    pub label: String,
+    /// How like it is to its outline.
+    pub likeness: Likeness,
+    /// Where its midrib comes from.
+    pub midrib: MidribOrigin,
+    /// Its millimetres for one of the drawing.
+    pub scale: f32,
+}
+
+/// The blades of a drawing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drawing {
+    /// In the order of its paths.
+    pub blades: Vec<DrawnBlade>,
+    /// What the midribs are called that lie in no outline, or in one that has another.
+    pub unused_midribs: Vec<String>,
+}
+
+/// The blades of a drawing, each with the name of its path (or of the group around it) as far as it has one.
 ///
 /// # Errors
 /// When the text is no SVG, holds no closed path, or one of them is no blade; all or none.
-pub fn read(svg: &[u8], params: &ImportParams) -> Result<Vec<Blade>, ImportError> {
+pub fn read(svg: &[u8], params: &ImportParams) -> Result<Drawing, ImportError> {
     if svg.len() > MAX_BYTES {
         return Err(ImportError::NotSvg(format!("it has {} bytes", svg.len())));
     }
@@ -96,37 +115,83 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Vec<Blade>, ImportError
     let parsing = roxmltree::ParsingOptions { allow_dtd: true, ..roxmltree::ParsingOptions::default() };
     let elements = roxmltree::Document::parse_with_options(text, parsing).map_err(|error| not_svg(&error))?;
     let tree = usvg::Tree::from_xmltree(&elements, &options).map_err(|error| not_svg(&error))?;
-    let mut drawing = Drawing { labels: Labels::of(&elements), ..Drawing::default() };
-    drawing.collect(tree.root(), "");
-    if drawing.outlines.is_empty() {
+    let mut paths = Paths { labels: Labels::of(&elements), ..Paths::default() };
+    paths.collect(tree.root(), "");
+    if paths.outlines.is_empty() {
         return Err(ImportError::NoOutline);
     }
-    if drawing.outlines.len() > MAX_BLADES {
-        return Err(ImportError::TooMany(drawing.outlines.len()));
+    if paths.outlines.len() > MAX_BLADES {
+        return Err(ImportError::TooMany(paths.outlines.len()));
     }
-    let midrib = |outline: &Outline| {
-        drawing.midribs.iter().find(|midrib| outline.contains(polyline::resample(midrib, 3)[1]))
-    };
-    let blade = |(index, (name, contours)): (usize, &(String, Vec<Outline>))| {
+    let mut is_used = vec![false; paths.midribs.len()];
+    let mut blades = Vec::with_capacity(paths.outlines.len());
+    for (index, (name, contours)) in paths.outlines.iter().enumerate() {
         let shown = if name.is_empty() { (index + 1).to_string() } else { name.clone() };
         let wrong = |reason: String| ImportError::Outline { name: shown.clone(), reason };
-        let outline = only(contours).map_err(wrong)?;
+        let outline = &only(contours).map_err(wrong)?;
+        let midrib = paths.midrib_in(outline);
+        midrib.into_iter().for_each(|used| is_used[used] = true);
+        let midrib = midrib.map(|index| paths.midribs[index].points.as_slice());
         let reasoned = |reason: String| wrong(if outline.crosses_itself() { CROSSES.into() } else { reason });
-        let stations = stations(outline, midrib(outline)).map_err(reasoned)?;
-        finished(&stations, index, name, params).map_err(|error| wrong(error.to_string()))
-    };
-    drawing.outlines.iter().enumerate().map(blade).collect()
+        let fitted = fit(outline, midrib, params).map_err(reasoned)?;
+        let id = BladeId::of(params.unix_ns, index as u32, &fitted.knots);
+        let called = named(name).unwrap_or_else(|| format!("drawn-{}", &id.to_string()[..8]));
+        let blade = Blade::new(id, called, fitted.knots.clone(), fitted.size_m, params.unix_ns, 1.0);
+        let blade = blade.map_err(|error| wrong(error.to_string()))?;
+        let Fitted { likeness, midrib, scale, .. } = fitted;
+        blades.push(DrawnBlade { blade, label: name.clone(), likeness, midrib, scale });
+    }
+    let unused = paths.midribs.into_iter().zip(is_used).filter(|(_, is_used)| !is_used);
+    Ok(Drawing { blades, unused_midribs: unused.map(|(midrib, _)| midrib.name).collect() })
 }
 
 /// What a drawing holds, in its own pixels, y upwards.
 #[derive(Default)]
-struct Drawing {
+struct Paths {
     outlines: Vec<(String, Vec<Outline>)>,
-    midribs: Vec<Vec<Vec2>>,
+    midribs: Vec<Midrib>,
     labels: Labels,
 }
 
-impl Drawing {
+/// A midrib as it is drawn.
+struct Midrib {
+    name: String,
+    points: Vec<Vec2>,
+    /// At equal distances, for where it lies.
+    places: Vec<Vec2>,
+    /// Lower and upper corner of the box around it.
+    bounds: [Vec2; 2],
+}
+
+impl Midrib {
+    /// `points`: 2 or more.
+    fn new(name: &str, points: Vec<Vec2>) -> Self {
+        const PLACES: usize = 33;
+        let around = Outline { points };
+        let bounds = around.bounds();
+        let points = around.points;
+        Self { name: name.to_owned(), places: polyline::resample(&points, PLACES), points, bounds }
+    }
+}
+
+impl Paths {
+    /// The midrib of which the most lies in an outline. O(midribs + points · midribs near it).
+    fn midrib_in(&self, outline: &Outline) -> Option<usize> {
+        let [low, high] = outline.bounds();
+        let is_near = |place: &&Vec2| place.cmpge(low).all() && place.cmple(high).all();
+        let within = |midrib: &Midrib| {
+            midrib.places.iter().filter(is_near).filter(|place| outline.contains(**place)).count()
+        };
+        let is_beside =
+            |midrib: &Midrib| midrib.bounds[0].cmple(high).all() && midrib.bounds[1].cmpge(low).all();
+        let beside = self.midribs.iter().enumerate().filter(|(_, midrib)| is_beside(midrib));
+        let counted = beside.map(|(index, midrib)| (within(midrib), index));
+        // Of two that are there equally, the first.
+        let most =
+            counted.filter(|(count, _)| *count > 0).max_by_key(|(count, index)| (*count, usize::MAX - index));
+        most.map(|(_, index)| index)
+    }
+
     fn collect(&mut self, group: &usvg::Group, named: &str) {
         for node in group.children() {
             match node {
@@ -144,7 +209,8 @@ impl Drawing {
         let name = self.labels.name(path.id());
         let contours = contours(path);
         if path.id().starts_with("midrib") || name.starts_with("midrib") {
-            self.midribs.extend(contours.into_iter().map(|(points, _)| points).filter(|it| it.len() >= 2));
+            let lines = contours.into_iter().map(|(points, _)| points).filter(|it| it.len() >= 2);
+            self.midribs.extend(lines.map(|points| Midrib::new(name, points)));
             return;
         }
         let closed = contours.into_iter().filter(|(points, closed)| *closed && points.len() >= 3);
@@ -161,6 +227,12 @@ fn contours(path: &usvg::Path) -> Vec<(Vec<Vec2>, bool)> {
     const MM_PER_PX: f32 = 25.4 / 96.0;
     let Some(data) = path.data().clone().transform(path.abs_transform()) else { return Vec::new() };
     let mm = |point: Point| Vec2::new(point.x, -point.y) * MM_PER_PX;
+    let bounds = data.bounds();
+    let flat = FLATNESS * bounds.width().max(bounds.height()) * MM_PER_PX;
+    // A parabola with this second difference is so far from its pieces.
+    let pieces = |bend: Vec2| {
+        (0.25 * bend.length() / flat.max(f32::MIN_POSITIVE)).sqrt().ceil().clamp(1.0, MAX_PIECES)
+    };
     let mut found: Vec<(Vec<Vec2>, bool)> = Vec::new();
     for segment in data.segments() {
         if let PathSegment::MoveTo(to) = segment {
@@ -169,14 +241,14 @@ fn contours(path: &usvg::Path) -> Vec<(Vec<Vec2>, bool)> {
         }
         let Some((points, closed)) = found.last_mut() else { continue };
         let from = *points.last().expect("begun by a point");
-        let part = |k: usize| k as f32 / PIECES as f32;
         match segment {
             PathSegment::MoveTo(_) => {}
             PathSegment::LineTo(to) => points.push(mm(to)),
             PathSegment::QuadTo(a, to) => {
                 let (a, to) = (mm(a), mm(to));
                 let at = |t: f32| from.lerp(a, t).lerp(a.lerp(to, t), t);
-                points.extend((1..=PIECES).map(|k| at(part(k))));
+                let pieces = pieces(from - 2.0 * a + to);
+                points.extend((1..=pieces as usize).map(|k| at(k as f32 / pieces)));
             }
             PathSegment::CubicTo(a, b, to) => {
                 let (a, b, to) = (mm(a), mm(b), mm(to));
@@ -184,7 +256,9 @@ fn contours(path: &usvg::Path) -> Vec<(Vec<Vec2>, bool)> {
                     let (first, middle, last) = (from.lerp(a, t), a.lerp(b, t), b.lerp(to, t));
                     first.lerp(middle, t).lerp(middle.lerp(last, t), t)
                 };
-                points.extend((1..=PIECES).map(|k| at(part(k))));
+                let bends = [from - 2.0 * a + b, a - 2.0 * b + to].map(Vec2::abs);
+                let pieces = pieces(3.0 * bends[0].max(bends[1]));
+                points.extend((1..=pieces as usize).map(|k| at(k as f32 / pieces)));
             }
             PathSegment::Close => *closed = true,
         }
@@ -201,7 +275,7 @@ fn contours(path: &usvg::Path) -> Vec<(Vec<Vec2>, bool)> {
 }
 
 /// The one contour of a path.
-fn only(contours: &[Outline]) -> Result<&Outline, String> {
+fn only(contours: &[Outline]) -> Result<Outline, String> {
     let largest = contours.iter().max_by(|a, b| a.area().total_cmp(&b.area())).expect("a path has contours");
     let second =
         contours.iter().filter(|it| !std::ptr::eq(*it, largest)).map(Outline::area).fold(0.0, f32::max);
@@ -211,182 +285,18 @@ fn only(contours: &[Outline]) -> Result<&Outline, String> {
                 .into(),
         );
     }
-    if largest.points.len() > MAX_POINTS {
-        return Err(format!(
-            "it has {} points; expected at most {MAX_POINTS}: simplify it",
-            largest.points.len()
-        ));
-    }
     let [low, high] = largest.bounds();
     let size = high - low;
     if !(size.is_finite() && size.max_element() > 1e-3 && size.max_element() < 1e5) {
         return Err(format!("it is {} mm by {} mm; expected 0.001 mm to 100 m", size.x, size.y));
     }
-    Ok(largest)
-}
-
-/// A cross-section as drawn: the midrib, the unit vector to the right, half of the width to both sides; millimetres.
-type Drawn = (Vec2, Vec2, [f32; 2]);
-
-/// Cross-sections from root to tip.
-fn stations(outline: &Outline, midrib: Option<&Vec<Vec2>>) -> Result<Vec<Drawn>, String> {
-    let mids = match midrib {
-        Some(midrib) => polyline::resample(midrib, STATIONS),
-        None => found(outline)?,
-    };
-    let length = polyline::length(&mids);
-    let n = mids.len();
-    let mut drawn: Vec<Drawn> = Vec::with_capacity(n);
-    for k in 0..n {
-        let along = (mids[(k + 2).min(n - 1)] - mids[k.saturating_sub(2)]).normalize_or(Vec2::Y);
-        let across = Vec2::new(along.y, -along.x);
-        // The very ends lie on the outline, and just beside it.
-        let inward = [0, n - 1].iter().position(|end| *end == k).map_or(0.0, |end| [1e-4, -1e-4][end]);
-        let from = mids[k] + along * inward * length;
-        let sides = [-across, across].map(|way| outline.reach(from, way));
-        let inside = outline.contains(from);
-        drawn.push((mids[k], across, sides.map(|side| side.filter(|_| inside).unwrap_or(0.0))));
+    let mut thinned = largest.thinned(THINNED * size.max_element());
+    if thinned.points.len() > MAX_POINTS {
+        thinned.points.extend(thinned.points.first().copied());
+        thinned.points = polyline::resample(&thinned.points, MAX_POINTS + 1);
+        thinned.points.pop();
     }
-    let half_widths = |pair: &[Drawn], side: usize| [0, 1].map(|k| pair[k].2[side]);
-    let widest = drawn.iter().flat_map(|it| it.2).fold(0.0, f32::max);
-    let jump = |pair: &[Drawn]| {
-        let steps = [0, 1].map(|side| half_widths(pair, side)).map(|[a, b]| (b - a).abs());
-        steps[0].max(steps[1]) > MAX_JUMP * widest
-    };
-    // At its ends a blade may be cut off.
-    if drawn[2..n - 2].windows(2).any(jump) {
-        return Err(format!("its width leaps along its midrib; {EXPECTED}"));
-    }
-    let area: f32 = drawn
-        .windows(2)
-        .map(|pair| 0.5 * pair[0].0.distance(pair[1].0) * pair.iter().flat_map(|it| it.2).sum::<f32>())
-        .sum();
-    let whole = outline.area();
-    if (area - whole).abs() > MAX_MISSED * whole {
-        return Err(format!(
-            "cross-sections of its midrib cover {:.0} % of it; {EXPECTED}",
-            100.0 * area / whole
-        ));
-    }
-    Ok(drawn)
-}
-
-/// The midrib of an outline, as if it were held before the camera.
-fn found(outline: &Outline) -> Result<Vec<Vec2>, String> {
-    const BORDER_PX: usize = 40;
-    const DEPTH: u16 = 500;
-    let [low, high] = outline.bounds();
-    let mm_per_px = (high - low).max_element() / PICTURE_PX;
-    let size = ((high - low) / mm_per_px).ceil();
-    let (width, height) = (size.x as usize + 2 * BORDER_PX, size.y as usize + 2 * BORDER_PX);
-    let border = Vec2::splat(BORDER_PX as f32);
-    let to_px = |point: Vec2| Vec2::new(point.x - low.x, high.y - point.y) / mm_per_px + border;
-    let from_px = |pixel: Vec2| {
-        let at = (pixel - border) * mm_per_px;
-        Vec2::new(low.x + at.x, high.y - at.y)
-    };
-    let in_px = Outline { points: outline.points.iter().map(|point| to_px(*point)).collect() };
-    let mut depth = vec![2 * DEPTH; width * height];
-    for (y, row) in depth.chunks_mut(width).enumerate() {
-        for stretch in in_px.stretches(y as f32).chunks_exact(2) {
-            let (from, to) = (stretch[0].ceil().max(0.0) as usize, stretch[1].ceil().max(0.0) as usize);
-            row[from.min(width)..to.min(width)].fill(DEPTH);
-        }
-    }
-    // As large as blades are before the camera: 200 mm.
-    let focal = f64::from(PICTURE_PX) * 0.5 / 0.2;
-    let camera = CameraModel { fx: focal, fy: focal, cx: width as f64 / 2.0, cy: height as f64 / 2.0 };
-    let frame = DepthFrame { width, height, depth, depth_unit_m: 0.001, timestamp_ns: 0, camera };
-    let params = PipelineParams::default();
-    let mut frames = Accumulation::like(&frame);
-    frames.add(&frame, &params.mask);
-    let steps = pipeline::capture(&frames, &camera, 0, &params);
-    let longest = steps.skeletons.iter().max_by(|a, b| a.length_px.total_cmp(&b.length_px));
-    let skeleton = longest.ok_or_else(|| format!("no midrib was found in it; {EXPECTED}"))?;
-    let mids: Vec<Vec2> = skeleton.stations.iter().map(|station| from_px(station.mid)).collect();
-    // Of what was found in pixels the sides are more exact, and tell better where the ends are.
-    let centred_once = centred(outline, &mids);
-    Ok(centred(outline, &to_the_ends(outline, centred(outline, &centred_once))))
-}
-
-/// Brings a midrib to the middle between the drawn sides.
-fn centred(outline: &Outline, mids: &[Vec2]) -> Vec<Vec2> {
-    const WINDOW: usize = 4;
-    let n = mids.len();
-    let middle = |k: usize| {
-        if k == 0 || k + 1 == n {
-            return mids[k];
-        }
-        let along = (mids[(k + WINDOW).min(n - 1)] - mids[k.saturating_sub(WINDOW)]).normalize_or(Vec2::Y);
-        let reach = |way: Vec2| outline.reach(mids[k], way).filter(|_| outline.contains(mids[k]));
-        let across = Vec2::new(along.y, -along.x);
-        let aside = reach(across).unwrap_or(0.0) - reach(-across).unwrap_or(0.0);
-        mids[k] + across * 0.5 * aside
-    };
-    (0..n).map(middle).collect()
-}
-
-/// Carries both ends of a midrib on to the outline as it bends before, instead of what leans into a corner there.
-fn to_the_ends(outline: &Outline, mut mids: Vec<Vec2>) -> Vec<Vec2> {
-    let step = polyline::length(&mids) / mids.len() as f32;
-    let longest = mids.len() / 3;
-    for _ in 0..2 {
-        mids.reverse();
-        let inner = mids.len() * 9 / 10;
-        let along = (mids[inner] - mids[inner - 3]).normalize_or(Vec2::Y);
-        let reach = |way: Vec2| outline.reach(mids[inner], way).unwrap_or(0.0);
-        let width = reach(along.perp()) + reach(-along.perp());
-        let doubtful = ((0.8 * width / step) as usize).clamp(2, mids.len() / 6);
-        mids.truncate(mids.len() - doubtful);
-
-        let trusted = mids.len();
-        let (last, stretch) = (trusted - 1, trusted / 8);
-        let chord = |from: usize| (mids[from + stretch] - mids[from]).normalize_or(along);
-        let (before, after) = (chord(last - 2 * stretch), chord(last - stretch));
-        let turn = before.angle_to(after) / stretch as f32;
-        let mut ahead = Vec2::from_angle(0.5 * turn * stretch as f32).rotate(after);
-        for _ in 0..longest {
-            ahead = Vec2::from_angle(turn).rotate(ahead);
-            let last = mids[mids.len() - 1];
-            let left = outline.reach(last, ahead).filter(|left| *left < step);
-            mids.push(last + ahead * left.unwrap_or(step));
-            if left.is_some() {
-                break;
-            }
-        }
-        // It may pass beside a point that lies farther ahead.
-        let end = mids[mids.len() - 1];
-        let off = |point: &Vec2| ((*point - end).dot(ahead), (*point - end).dot(ahead.perp()).abs());
-        let near = outline.points.iter().filter(|point| point.distance(end) < 0.6 * width);
-        let point = near.max_by(|a, b| off(a).0.total_cmp(&off(b).0));
-        if let Some(point) = point.filter(|point| off(point).0 > 0.7 * off(point).1) {
-            mids.truncate(trusted);
-            mids.push(*point);
-        }
-    }
-    polyline::resample(&mids, STATIONS)
-}
-
-/// Metres, few knots, a name.
-fn finished(drawn: &[Drawn], index: usize, name: &str, params: &ImportParams) -> Result<Blade, BladeError> {
-    let mids: Vec<Vec2> = drawn.iter().map(|(mid, ..)| *mid).collect();
-    let length = polyline::length(&mids);
-    let metres = params.length_m.map_or(1e-3, |wanted| wanted / length);
-    let root = mids[0];
-    let knot = |(mid, across, [left, right]): &Drawn| Knot {
-        position: ((*mid - root) * metres).extend(0.0),
-        half_width_left: left * metres,
-        across: across.extend(0.0),
-        half_width_right: right * metres,
-    };
-    let skeleton: Vec<Knot> = drawn.iter().map(knot).collect();
-    let midrib: Vec<Vec3> = skeleton.iter().map(|knot| knot.position).collect();
-    let motion = &motions_in_wind(&[&midrib], MOTION_FRAMES)[0];
-    let knots = refine(&skeleton, motion, &params.refine).knots;
-    let widest = skeleton.iter().map(Knot::width).fold(0.0, f32::max);
-    let id = BladeId::of(params.unix_ns, index as u32, &knots);
-    let name = named(name).unwrap_or_else(|| format!("drawn-{}", &id.to_string()[..8]));
-    Blade::new(id, name, knots, [length * metres, widest], params.unix_ns, 1.0)
+    Ok(if thinned.points.len() < 3 { largest.clone() } else { thinned })
 }
 
 /// A path's name as a blade can have it.

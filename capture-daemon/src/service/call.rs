@@ -22,6 +22,8 @@ pub(crate) enum Call {
     ListBlades,
     /// What a name can go back to.
     ListHistory { name: String },
+    /// What names that no blade has now would go back to.
+    ListRemoved,
     /// A change of the store.
     Order(Order),
     /// Capture now.
@@ -144,6 +146,7 @@ impl Call {
             "io.sward.Station.GetStatus" => Self::GetStatus,
             "io.sward.Station.ListBlades" => Self::ListBlades,
             "io.sward.Station.ListHistory" => Self::ListHistory { name: parameters.text("name")? },
+            "io.sward.Station.ListRemoved" => Self::ListRemoved,
             "io.sward.Station.Capture" => Self::Capture,
             "io.sward.Station.Reload" => Self::Reload,
             "io.sward.Station.SetMix" => {
@@ -176,7 +179,8 @@ impl Call {
             | Self::GetPreview { .. }
             | Self::GetStatus
             | Self::ListBlades
-            | Self::ListHistory { .. } => Right::Watch,
+            | Self::ListHistory { .. }
+            | Self::ListRemoved => Right::Watch,
             Self::Order(_) | Self::Capture | Self::Reload => Right::Change,
         }
     }
@@ -245,6 +249,7 @@ mod tests {
             ("GetStatus", "{}", Call::GetStatus),
             ("GetStatus", "null", Call::GetStatus),
             ("ListBlades", "{}", Call::ListBlades),
+            ("ListRemoved", "{}", Call::ListRemoved),
             ("Capture", "{}", Call::Capture),
             ("Reload", "{}", Call::Reload),
             ("SetMix", r#"{"name":"fern","mix":2}"#, Call::Order(Order::SetMix { name: name(), mix: 2.0 })),

@@ -17,7 +17,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
 
 use common::protocol::{
-    DEFINITION, GetStatusReply, Library, ListBladesReply, ListHistoryReply, ReloadReply, StationError, Status,
+    DEFINITION, GetStatusReply, Library, ListBladesReply, ListHistoryReply, ListRemovedReply, ReloadReply,
+    StationError, Status,
 };
 use serde_json::{Value, json};
 use std::os::fd::OwnedFd;
@@ -120,6 +121,11 @@ impl Service {
                 let (asked, told) = oneshot::channel();
                 self.keeper.try_send(Job::History(name, asked)).map_err(|_| StationError::Busy)?;
                 reply(&ListHistoryReply { earlier: told.await.map_err(|_| StationError::Busy)? })?
+            }
+            Call::ListRemoved => {
+                let (asked, told) = oneshot::channel();
+                self.keeper.try_send(Job::Removed(asked)).map_err(|_| StationError::Busy)?;
+                reply(&ListRemovedReply { removed: told.await.map_err(|_| StationError::Busy)? })?
             }
             Call::Order(order) => self.order(order).await?,
             Call::Capture => self.capture().await?,

@@ -6,6 +6,8 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use super::record::place;
+
 /// How the name of a blade's file ends.
 pub(crate) const SUFFIX: &str = ".toml";
 /// A blade's file is no longer than this: 64 knots take less than a tenth of it.
@@ -118,18 +120,52 @@ pub(crate) fn supplant(from: &Path, to: &Path) -> io::Result<()> {
 /// The text of a blade's file, which is no device or pipe and not too long.
 ///
 /// # Errors
-/// When it is not such a file or cannot be read; one sentence without its full stop.
-pub(crate) fn text(path: &Path) -> Result<String, String> {
-    let unreadable = |error: io::Error| format!("it cannot be read: {error}");
+/// When it is not such a file or cannot be read.
+pub(crate) fn text(path: &Path) -> Result<String, TextError> {
+    let whole = |reason: String| TextError { place: None, reason };
+    let unreadable = |error: io::Error| whole(format!("it cannot be read: {error}"));
     if !fs::metadata(path).map_err(unreadable)?.is_file() {
-        return Err("it is not a regular file, expected a TOML file".to_owned());
+        return Err(whole("it is not a regular file, expected a TOML file".to_owned()));
     }
     let mut bytes = Vec::new();
     File::open(path).map_err(unreadable)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(format!("it is larger than {MAX_BYTES} bytes, expected a TOML file"));
+        return Err(whole(format!("it is larger than {MAX_BYTES} bytes, expected a TOML file")));
     }
-    String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text, expected a TOML file".to_owned())
+    utf8(bytes)
+        .map_err(|error| TextError { reason: format!("{}, expected a TOML file", error.reason), ..error })
+}
+
+/// Why a file is no text: one sentence without its full stop, behind its file's path.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct TextError {
+    /// Line, from 1, and column in characters, from 1, where there is one.
+    pub(crate) place: Option<(usize, usize)>,
+    /// What is wrong.
+    pub(crate) reason: String,
+}
+
+impl std::fmt::Display for TextError {
+    /// To be put directly behind the file's path.
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.place {
+            Some((line, column)) => write!(to, ":{line}:{column}: {}", self.reason),
+            None => write!(to, ": {}", self.reason),
+        }
+    }
+}
+
+/// Bytes as the text that they are.
+///
+/// # Errors
+/// When they are none, with the place of the first that is not.
+pub(crate) fn utf8(bytes: Vec<u8>) -> Result<String, TextError> {
+    String::from_utf8(bytes).map_err(|error| {
+        let good = error.utf8_error().valid_up_to();
+        let before = String::from_utf8_lossy(&error.as_bytes()[..good]);
+        let place = Some(place(&before, good));
+        TextError { place, reason: format!("the byte {:#04x} is not UTF-8 text", error.as_bytes()[good]) }
+    })
 }
 
 /// The name of the blade in a file of this name; `None` for what is no blade's file.
@@ -195,11 +231,12 @@ mod tests {
     #[test]
     fn what_is_no_file_of_text_is_refused() {
         let folder = tempfile::tempdir().expect("a folder");
-        assert!(text(folder.path()).expect_err("a folder").contains("not a regular file"));
+        let refused = |path: &Path| text(path).expect_err("no text").to_string();
+        assert!(refused(folder.path()).contains(": it is not a regular file"));
         let path = folder.path().join("a");
-        fs::write(&path, [0xff, 0xfe]).expect("room");
-        assert!(text(&path).expect_err("no text").contains("UTF-8"));
+        fs::write(&path, b"a = 1\nb\xc3\xa9 \xff = 2\n").expect("room");
+        assert!(refused(&path).starts_with(":2:4: the byte 0xff is not UTF-8"), "{}", refused(&path));
         fs::write(&path, vec![b' '; MAX_BYTES as usize + 1]).expect("room");
-        assert!(text(&path).expect_err("too long").contains("larger"));
+        assert!(refused(&path).contains("larger"));
     }
 }

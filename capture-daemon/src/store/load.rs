@@ -3,9 +3,12 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
+use std::os::unix::fs::MetadataExt;
 
-use super::file::{Signature, blade_name, text};
-use super::record::Record;
+use common::blade::BladeId;
+
+use super::file::{SUFFIX, Signature, blade_name, text, write_as_of};
+use super::record::{Record, made_id};
 use super::{Live, Refused, Store, StoreError, shelf};
 use crate::mistake::one_line;
 
@@ -82,9 +85,7 @@ impl Store {
     /// Which captured blades were removed or replaced, so that a looping recording does not bring them back.
     fn remember_removed(&mut self) {
         let history = self.history();
-        let names = fs::read_dir(&history).into_iter().flatten().flatten();
-        let names = names.filter_map(|entry| entry.file_name().into_string().ok());
-        self.removed = names.flat_map(|name| shelf::ids(&history, &name)).collect();
+        self.removed = shelf::names(&history).iter().flat_map(|name| shelf::ids(&history, name)).collect();
     }
 
     /// The newest blade in the history of a name; none where that has another name now.
@@ -118,17 +119,44 @@ impl Store {
             );
             return Err(refused(reason, None));
         }
-        let text = text(&path).map_err(|reason| refused(format!("{shown}: {reason}"), seen))?;
+        let text = text(&path).map_err(|error| refused(format!("{shown}{error}"), seen))?;
         let modified = seen.map_or(0, |seen| seen.modified_unix_ns());
         let record = Record::parse(name, &text, modified)
             .map_err(|error| refused(format!("{shown}:{error}"), seen))?;
-        if let Some(other) = self.ids.get(&record.blade.id()).filter(|other| *other != name) {
+        let Some(own) = self.with_own_id(name, &text, &record) else { return Ok(Live { record, seen }) };
+        // Somebody copied a blade's file.
+        let modified_at = fs::metadata(&path).and_then(|metadata| metadata.modified()).ok();
+        let written =
+            write_as_of(&self.blades_folder(), &format!("{name}{SUFFIX}"), own.as_bytes(), modified_at);
+        if let Err(error) = written {
+            let line = 1 + text.lines().take_while(|line| !line.trim_start().starts_with("id")).count();
             let reason = format!(
-                "{shown}: its `id` is that of the blade {other:?}, expected one of its own; take the line `id` out of it"
+                "{shown}:{line}:1: its `id` is that of another blade, expected one of its own, which cannot be written \
+                 to it: {error}; take the line out"
             );
             return Err(refused(reason, None));
         }
-        Ok(Live { record, seen })
+        tracing::info!(name, "a copy of another blade's file gets an id of its own");
+        let record =
+            Record::parse(name, &own, modified).map_err(|error| refused(format!("{shown}:{error}"), seen))?;
+        Ok(Live { record, seen: Signature::of(&path).ok() })
+    }
+
+    /// The text of a blade's file with another `id`, where another blade has that one; all else in it stays as it is.
+    pub(super) fn with_own_id(&self, name: &str, text: &str, record: &Record) -> Option<String> {
+        let is_others = |id: BladeId| self.ids.get(&id).is_some_and(|other| other != name);
+        if !is_others(record.blade.id()) {
+            return None;
+        }
+        let mut document: toml_edit::DocumentMut = text.parse().ok()?;
+        let id =
+            (0..).map(|number| made_id(name, number, record.blade.knots())).find(|id| !is_others(*id))?;
+        let mut value = toml_edit::Value::from(id.to_string());
+        if let Some(before) = document.get("id").and_then(toml_edit::Item::as_value) {
+            *value.decor_mut() = before.decor().clone();
+        }
+        document["id"] = toml_edit::Item::Value(value);
+        Some(document.to_string())
     }
 
     /// Puts a blade that was read into the library.
@@ -162,7 +190,12 @@ impl Store {
     /// # Errors
     /// When the folder cannot be read or is another one; nothing has changed then.
     pub(crate) fn rescan(&mut self) -> Result<Changes, StoreError> {
-        self.check_identity()?;
+        let identity = self.check_identity();
+        if identity.is_err() {
+            self.remember_all();
+        }
+        identity?;
+        self.is_remembered = false;
         let folder = self.blades_folder();
         let names = self.names_on_disk().map_err(|source| super::disk(&folder, source))?;
         let on_disk: BTreeSet<&str> = names.iter().map(String::as_str).collect();
@@ -192,6 +225,25 @@ impl Store {
             }
         }
         Ok(changes)
+    }
+
+    /// Puts every blade into its history, once: their folder is gone or another one, and with the next start they are
+    /// no more than that. Not where the whole state directory is gone, as a disk that was unmounted.
+    fn remember_all(&mut self) {
+        let identity = |metadata: io::Result<fs::Metadata>| metadata.map(|it| (it.dev(), it.ino())).ok();
+        let opened = self.lock.as_ref().and_then(|folder| rustix::fs::fstat(folder).ok());
+        let opened = opened.map(|stat| (stat.st_dev, stat.st_ino));
+        if self.is_remembered || opened.is_none() || identity(fs::metadata(&self.folder)) != opened {
+            return;
+        }
+        self.is_remembered = true;
+        let names: Vec<&String> = self.live.keys().collect();
+        let kept = names.iter().filter(|name| self.remember(name).is_ok()).count();
+        tracing::warn!(
+            kept,
+            blades = names.len(),
+            "the folder of blades is gone or another one; its blades are in the history, for sward-capture blades restore --all"
+        );
     }
 
     fn read_again(&mut self, name: &str, changes: &mut Changes) {

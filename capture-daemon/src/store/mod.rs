@@ -17,7 +17,7 @@ pub(crate) mod archive;
 pub(crate) mod file;
 pub(crate) mod generation;
 mod load;
-mod orders;
+pub(crate) mod orders;
 pub mod record;
 pub(crate) mod shelf;
 
@@ -88,7 +88,7 @@ pub(crate) enum StoreError {
     #[error("{0}")]
     Name(String),
     /// A weight out of its range.
-    #[error("the mix weight is {0}, expected a number of 0 to 1000000")]
+    #[error("the mix weight is {0:?}, expected 0, or a number of 1e-30 to 1000000")]
     Mix(f64),
     /// There is nothing to go back to.
     #[error("there is no earlier blade of the name {0:?} to go back to")]
@@ -131,6 +131,8 @@ pub(crate) struct Store {
     lock: Option<OwnedFd>,
     /// Device and inode of `blades/`: another folder there is not an empty library.
     identity: Option<(u64, u64)>,
+    /// That folder is gone, and what it held is in the history.
+    is_remembered: bool,
     live: BTreeMap<String, Live>,
     refused: BTreeMap<String, Refused>,
     ids: HashMap<BladeId, String>,
@@ -161,6 +163,7 @@ impl Store {
             folder: folder.to_path_buf(),
             lock: None,
             identity: None,
+            is_remembered: false,
             live: BTreeMap::new(),
             refused: BTreeMap::new(),
             ids: HashMap::new(),
@@ -304,6 +307,16 @@ impl Store {
     /// Every blade that [`Self::keep`] takes for known.
     pub(crate) fn known(&self) -> impl Iterator<Item = BladeId> {
         self.ids.keys().chain(&self.removed).copied()
+    }
+
+    /// What the blade with this id is called, if the library holds it.
+    pub(crate) fn name_of(&self, id: BladeId) -> Option<&str> {
+        self.ids.get(&id).map(String::as_str)
+    }
+
+    /// Whether a captured blade was removed or replaced, so that [`Self::keep`] does not take it again.
+    pub(crate) fn is_removed(&self, id: BladeId) -> bool {
+        self.removed.contains(&id)
     }
 
     /// Puts a captured blade on disk and into the library; the oldest blade that is not pinned makes

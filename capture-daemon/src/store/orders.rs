@@ -8,6 +8,10 @@ use super::file::{SUFFIX, Signature, shift, supplant, text, write_as_of, write_a
 use super::record::{Record, check_name};
 use super::shelf::{self, Version, shelve, shelve_text};
 use super::{Live, Store, StoreError, disk};
+use crate::mistake::one_line;
+
+/// Smallest weight but 0 that can be ordered.
+pub(crate) const MIN_MIX: f64 = 1e-30;
 
 impl Store {
     /// Takes a blade away; its file goes to the history of its name.
@@ -92,13 +96,17 @@ impl Store {
     /// # Errors
     /// When there is no such blade, the weight is out of its range, or the disk refuses.
     pub(crate) fn set_mix(&mut self, name: &str, mix: f64) -> Result<(), StoreError> {
+        // There is one 0 only.
+        let mix = if mix == 0.0 { 0.0 } else { mix };
         let weight = mix as f32;
-        if !(0.0..=f64::from(MAX_MIX)).contains(&mix) {
+        // Less than that the library cannot tell from 0.
+        if mix != 0.0 && !(MIN_MIX..=f64::from(MAX_MIX)).contains(&mix) {
             return Err(StoreError::Mix(mix));
         }
         self.settled(name)?;
         let path = self.path(name);
-        let text = text(&path).map_err(|reason| StoreError::Refused { reason })?;
+        let text = text(&path)
+            .map_err(|error| StoreError::Refused { reason: format!("{}{error}", one_line(&path)) })?;
         let mut document: toml_edit::DocumentMut = text
             .parse()
             .map_err(|_| StoreError::Refused { reason: format!("{}: no TOML", path.display()) })?;
@@ -127,17 +135,16 @@ impl Store {
     }
 
     /// Puts the blade of a file's text into the library, under a name. A blade that has it goes to the
-    /// history; else the oldest one that is not pinned makes room.
+    /// history; else the oldest one that is not pinned makes room. A copy of another blade gets an id of its own.
     ///
     /// # Errors
-    /// When the name or the text is no blade's, another blade has its id, or the disk refuses.
+    /// When the name or the text is no blade's, or the disk refuses.
     pub(crate) fn put_text(&mut self, name: &str, text: &str) -> Result<(), StoreError> {
         check_name(name).map_err(StoreError::Name)?;
         let refused = |error| StoreError::Refused { reason: format!("{name}:{error}") };
-        let id = Record::parse(name, text, 0).map_err(refused)?.blade.id();
-        if let Some(other) = self.ids.get(&id).filter(|other| *other != name) {
-            return Err(StoreError::Taken(other.clone()));
-        }
+        let record = Record::parse(name, text, 0).map_err(refused)?;
+        let own = self.with_own_id(name, text, &record);
+        let text = own.as_deref().unwrap_or(text);
         let is_live = self.live.contains_key(name);
         let oldest = if is_live { None } else { self.surplus_after(1)? };
         if is_live {
@@ -169,6 +176,20 @@ impl Store {
         let shelves = [self.history(), self.archive.folder().to_path_buf()];
         let all = shelves.iter().flat_map(|shelf| shelf::versions(shelf, name));
         all.filter(|version| !live.is_some_and(|live| live.is_like(&version.record))).collect()
+    }
+
+    /// What names that no blade has now would go back to, what went last first: removed blades, and those whose files
+    /// were removed. O(names in the history).
+    pub(crate) fn removed(&self) -> Vec<Version> {
+        let history = self.history();
+        let mut removed: Vec<Version> = shelf::names(&history)
+            .into_iter()
+            .filter(|name| !self.live.contains_key(name) && !self.refused.contains_key(name))
+            .filter_map(|name| shelf::newest_of_name(&history, &name))
+            .filter(|version| !self.ids.contains_key(&version.record.blade.id()))
+            .collect();
+        removed.sort_by_key(|version| std::cmp::Reverse(version.kept_unix_ns));
+        removed
     }
 
     /// Whether a version that [`Self::earlier`] gave comes from the archive.

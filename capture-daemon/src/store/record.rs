@@ -222,7 +222,7 @@ impl Record {
             at(spanned.map_or_else(|| file.knots.span(), Spanned::span), error.to_string())
         })?;
         let id = match &file.id {
-            None => made_id(name, &knots),
+            None => made_id(name, 0, &knots),
             Some(id) => parse_id(id.get_ref()).ok_or_else(|| {
                 at(
                     id.span(),
@@ -389,11 +389,12 @@ pub(super) fn parse_id(text: &str) -> Option<BladeId> {
     Some(BladeId(id))
 }
 
-fn made_id(name: &str, knots: &[Knot]) -> BladeId {
+/// An id for a blade that has none, of its name and its knots; `number`: another for each.
+pub(super) fn made_id(name: &str, number: u32, knots: &[Knot]) -> BladeId {
     let mut named = blake3::Hasher::new();
     named.update(name.as_bytes());
     let stamp = u64::from_le_bytes(named.finalize().as_bytes()[..8].try_into().expect("8 of 32 bytes"));
-    BladeId::of(stamp, 0, knots)
+    BladeId::of(stamp, number, knots)
 }
 
 /// By which an edit of the knots is told: 16 hexadecimal digits that stand for them.

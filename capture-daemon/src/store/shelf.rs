@@ -63,6 +63,12 @@ impl Version {
     }
 }
 
+/// The names that something on a shelf had, in no order.
+pub(crate) fn names(shelf: &Path) -> Vec<String> {
+    let names = fs::read_dir(shelf).into_iter().flatten().flatten();
+    names.filter_map(|entry| entry.file_name().into_string().ok()).collect()
+}
+
 /// The numbered files in a shelf's folder for one name, the oldest first.
 pub(crate) fn files(shelf: &Path, name: &str) -> Vec<PathBuf> {
     let folder = shelf.join(name);

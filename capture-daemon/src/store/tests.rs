@@ -9,6 +9,7 @@ use tempfile::TempDir;
 use super::record::{Measured, Provenance};
 use super::*;
 
+mod copies;
 mod history;
 
 const DROPPED: &str = "# Mine.\nformat = 1\nmix = 0.5 # half\nknots = [\n  { position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] },\n  { position_m = [0.0, 0.2, 0.0], half_width_m = [0.0, 0.0] },\n]\n";
@@ -140,23 +141,6 @@ fn a_broken_file_that_is_removed_takes_the_blade_with_it() {
     assert!(store.is_empty() && store.refused().is_empty());
     store.restore("fern", 1).expect("the last good one is in the history");
     assert_eq!(names(&store), ["fern"]);
-}
-
-#[test]
-fn a_copy_is_refused_until_it_has_an_id_of_its_own() {
-    let folder = folder();
-    let mut store = open(&folder);
-    store.keep(&captured(1)).expect("room");
-    let text = store.records()[0].to_toml();
-    drop_file(&store, "copy", &text);
-    assert_eq!(rescan(&mut store), (false, true));
-    let reason = &store.refused()["copy"].reason;
-    assert!(reason.contains(captured(1).blade.name()) && reason.contains("`id`"), "{reason}");
-    let own: String =
-        text.lines().filter(|line| !line.starts_with("id")).flat_map(|line| [line, "\n"]).collect();
-    drop_file(&store, "copy", &own);
-    assert_eq!(rescan(&mut store), (true, true));
-    assert_eq!(names(&store).len(), 2);
 }
 
 #[test]

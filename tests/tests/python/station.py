@@ -121,6 +121,8 @@ def main():
         earlier = call("ListHistory", name="fern")["earlier"]
         assert [(it.get("renamed_to"), it["blade"]["mix"]) for it in earlier] == [("moss", 2.5), (None, 1)], earlier
         assert [it["back"] for it in earlier] == [1, 2], earlier
+        removed = call("ListRemoved")["removed"]
+        assert [(it["blade"]["name"], it["back"]) for it in removed] == [("moss", 1)], removed
         refused("io.sward.Station.NothingToRestore", station.RestoreBlade, name="moss", back=9)
         refused("org.varlink.service.InvalidParameter", station.RestoreBlade, name="moss", back=0)
         call("RestoreBlade", name="moss", back=1)
@@ -143,7 +145,7 @@ def main():
                 assert error.error() == "io.sward.Station.NothingHeld", error
         assert len(names) > 0
         assert methods <= called, methods - called
-        assert len(called) == 12, called
+        assert len(called) == 13, called
 
 
 main()
