@@ -125,6 +125,13 @@ need_wayland() {
   need libwayland-client0 "a window under Wayland" has_library libwayland-client.so.0
 }
 
+# The bindings are made anew of the headers, and a driver of the tests' own is built with them.
+need_openni2() {
+  need libopenni2-0 "OpenNI2, which plays .oni recordings and reads its sensors" has_library libOpenNI2.so.0
+  need libopenni2-dev "its headers, to compare the bindings with" has_file /usr/include/openni2/OniCAPI.h
+  need libclang-14-dev "to make the bindings anew" compgen -G '/usr/lib/llvm-*/lib/libclang*.so*'
+}
+
 need_lints() {
   need rustfmt-web "to check the formatting" cargo fmt --version
   need rust-web-clippy "Rust's linter" cargo clippy --version

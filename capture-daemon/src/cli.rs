@@ -12,7 +12,7 @@ use common::manual::Shell;
 /// writes with the others.
 ///
 /// Exit code 0: done; 1: something prevents running; 2: bad arguments or configuration; 3: a recording that is
-/// missing or from which not one frame can be read.
+/// missing or from which not one frame can be read; 4: a sensor that cannot be opened.
 ///
 /// Example: sward-capture replay recordings/row-3.mcap
 #[derive(Debug, Parser)]
@@ -28,7 +28,8 @@ pub struct Cli {
 pub enum Verb {
     /// Run the capture station until SIGTERM or SIGINT
     ///
-    /// Plays `source.recording` as its sensor and offers the library on `service.socket`. The second of these
+    /// Streams the sensor that `sensor.driver` names, or plays `source.recording` as one, and offers the library on
+    /// `service.socket`. A sensor that is missing or fails is tried again for ever. The second of these
     /// signals ends it at once. SWARD_LOG says what is logged: error, warn, info (the default), debug or trace.
     ///
     /// Exit code 0: it was asked to end; 1: something prevents running, such as a socket in use; 2: bad
@@ -60,6 +61,23 @@ pub enum Verb {
     ///
     /// Example: sward-capture info recordings/row-3.mcap --json
     Info(InfoArgs),
+    /// List the sensors that are plugged in, with their modes
+    ///
+    /// What `sensor.device` may say: the serial number, the URI, or the port, which stands in the URI behind the @.
+    ///
+    /// Exit code 0: done, also when there is none; 2: bad arguments or configuration; 4: OpenNI2 is not there, or
+    /// refuses.
+    ///
+    /// Example: sward-capture devices --json
+    Devices(DevicesArgs),
+    /// Stream a sensor, or play a recording of OpenNI2, for the station that starts this
+    ///
+    /// Example: sward-capture sensor-process ORDER
+    #[command(hide = true)]
+    SensorProcess {
+        /// What to do, as TOML
+        order: String,
+    },
     /// Rewrite a recording that was cut short into a whole one
     ///
     /// Every whole message is kept, with its topic, times, metadata and attachments.
@@ -355,7 +373,7 @@ pub struct ConfigArgs {
 /// What to replay and how.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// An MCAP file, a rosbag2 folder, or a folder of 16-bit PNGs with camera.toml
+    /// An MCAP file, a rosbag2 folder, a folder of 16-bit PNGs with camera.toml, or an .oni file
     pub recording: PathBuf,
     /// Configuration.
     #[command(flatten)]
@@ -377,12 +395,23 @@ pub struct ReplayArgs {
 /// What to look at.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// An MCAP file, a rosbag2 folder, or a folder of 16-bit PNGs with camera.toml
+    /// An MCAP file, a rosbag2 folder, a folder of 16-bit PNGs with camera.toml, or an .oni file
     pub recording: PathBuf,
     /// Configuration.
     #[command(flatten)]
     pub config: ConfigArgs,
     /// One JSON object on stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What to list.
+#[derive(Debug, Args)]
+pub struct DevicesArgs {
+    /// Configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// One JSON list on stdout
     #[arg(long)]
     pub json: bool,
 }

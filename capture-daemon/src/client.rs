@@ -382,6 +382,22 @@ fn status_line(status: &Status, before: Option<&Status>) -> String {
     )
 }
 
+/// How the sensor fares, if there is one.
+fn sensor_line(status: &Status) -> String {
+    let Status {
+        sensor, sensor_starts, sensor_silences, sensor_deaths, sensor_failures, lost_frames, ..
+    } = status;
+    if sensor == "none" {
+        return String::new();
+    }
+    let starts = counted(sensor_starts.cast_unsigned(), "process");
+    let starts = starts.replace("processs", "processes");
+    format!(
+        "sensor    {sensor}\n          {starts} started, of which {sensor_silences} fell silent, {sensor_deaths} died, \
+         {sensor_failures} could not open or lost it; {lost_frames} frames lost on the way\n"
+    )
+}
+
 fn status_page(status: &Status) -> String {
     let Status { state, source, frames, skipped_frames, dropped_frames, frames_per_second, .. } = status;
     let Status { captures, blades, generation, store, waiting, lost, refused_files, .. } = status;
@@ -391,8 +407,9 @@ fn status_page(status: &Status) -> String {
         repeats => format!(", and {repeats} of blades that were all captured before"),
     };
     let held = counted(blades.cast_unsigned(), "blade");
+    let sensor = sensor_line(status);
     let mut text = format!(
-        "state     {state}\nsource    {source}\nframes    {frames} seen, {frames_per_second:.1} a second\n\
+        "state     {state}\nsource    {source}\n{sensor}frames    {frames} seen, {frames_per_second:.1} a second\n\
          dropped   {dropped_frames} frames, which came faster than the stages are\n\
          skipped   {skipped_frames} frames, which could not be read or used\n\
          captures  {captures}{repeated}\nlibrary   {held}, generation {generation}\nstore     {store}\n"

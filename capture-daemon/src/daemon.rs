@@ -310,6 +310,7 @@ impl Reloader<'_> {
         let config::CameraConfig { tilt_rad, roll_rad, .. } = new.camera;
         let now = Config {
             source: before.source,
+            sensor: before.sensor,
             store: before.store,
             service: config::ServiceConfig { watch, change, ..before.service },
             camera: config::CameraConfig { tilt_rad, roll_rad, ..before.camera },

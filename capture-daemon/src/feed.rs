@@ -38,16 +38,18 @@ impl Drop for Feed {
 }
 
 impl Feed {
-    /// `rate`: times real time; 0 as fast as they are taken.
+    /// `rate`: times real time; 0 as fast as they are taken. A live sensor has its own.
     ///
     /// # Errors
     /// When there can be no other thread.
     pub(crate) fn start(source: Source, rate: f64) -> io::Result<Self> {
         let (to_stages, frames) = sync_channel(QUEUE);
         let (dropped, is_over) = (Arc::default(), Arc::default());
+        let is_live = source.health().is_some();
         let reader = Reader {
             source,
-            pace: (rate > 0.0).then(|| Pace::new(rate)),
+            is_live,
+            pace: (rate > 0.0 && !is_live).then(|| Pace::new(rate)),
             to_stages,
             dropped: Arc::clone(&dropped),
             is_over: Arc::clone(&is_over),
@@ -74,6 +76,8 @@ impl Feed {
 struct Reader {
     source: Source,
     pace: Option<Pace>,
+    /// It waits for nobody.
+    is_live: bool,
     to_stages: SyncSender<Given>,
     dropped: Arc<AtomicU64>,
     is_over: Arc<AtomicBool>,
@@ -94,6 +98,7 @@ impl Reader {
                     let due = Instant::now() + pace.wait(frame.timestamp_ns);
                     self.wait_until(due) && self.offer(frame)
                 }
+                (None, Ok(frame)) if self.is_live => self.offer(frame),
                 (_, given) => self.to_stages.send(given).is_ok(),
             };
             if !is_wanted {
@@ -137,6 +142,7 @@ mod tests {
     use super::*;
     use crate::frame::CameraModel;
     use crate::source::FrameSource;
+    use crate::source::host::Health;
 
     /// Longer than any of this takes.
     const LONG: Duration = Duration::from_secs(60);
@@ -145,11 +151,22 @@ mod tests {
     struct Burst {
         next: u64,
         frames: u64,
+        is_live: bool,
+    }
+
+    impl Burst {
+        fn of(frames: u64) -> Box<Self> {
+            Box::new(Self { next: 0, frames, is_live: false })
+        }
     }
 
     impl FrameSource for Burst {
         fn describe(&self) -> String {
             "a burst".to_owned()
+        }
+
+        fn health(&self) -> Option<Arc<Health>> {
+            self.is_live.then(Arc::default)
         }
 
         fn next_frame(&mut self) -> Given {
@@ -192,14 +209,25 @@ mod tests {
                 Ok(frame) => times.push(Some(frame.timestamp_ns)),
                 Err(SourceError::BadFrame(_)) => times.push(None),
                 Err(SourceError::End) => return times,
-                Err(SourceError::Failed(why)) => panic!("{why}"),
+                Err(SourceError::Failed(why) | SourceError::Interrupted(why)) => panic!("{why}"),
             }
         }
     }
 
     #[test]
     fn in_real_time_what_finds_the_queue_full_is_dropped_and_counted() {
-        let feed = Feed::start(Box::new(Burst { next: 0, frames: 20 }), 1000.0).expect("a thread");
+        let paced = Feed::start(Burst::of(20), 1000.0).expect("a thread");
+        assert_drops_what_finds_no_room(&paced);
+    }
+
+    #[test]
+    fn a_live_sensor_waits_for_nobody_whatever_the_rate() {
+        let live = Box::new(Burst { is_live: true, ..*Burst::of(20) });
+        assert_drops_what_finds_no_room(&Feed::start(live, 0.0).expect("a thread"));
+    }
+
+    /// Of 20 frames.
+    fn assert_drops_what_finds_no_room(feed: &Feed) {
         let start = Instant::now();
         let mut dropped = 0;
         while dropped < 11 && start.elapsed() < LONG {
@@ -209,13 +237,13 @@ mod tests {
         // 19 frames and a bad one, of which 8 wait; then the end waits for its place.
         assert_eq!(dropped, 12);
         let expected = [Some(0), Some(1), Some(2), None, Some(4), Some(5), Some(6), Some(7)];
-        assert_eq!(all(&feed), expected);
+        assert_eq!(all(feed), expected);
         assert_eq!(feed.take_dropped(), 0, "counted once");
     }
 
     #[test]
     fn as_fast_as_they_are_taken_none_is_dropped() {
-        let feed = Feed::start(Box::new(Burst { next: 0, frames: 50 }), 0.0).expect("a thread");
+        let feed = Feed::start(Burst::of(50), 0.0).expect("a thread");
         // The source is far ahead of who takes its frames.
         std::thread::sleep(Duration::from_millis(20));
         let times = all(&feed);

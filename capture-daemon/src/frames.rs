@@ -18,6 +18,7 @@ use crate::recording::{self, OpenError};
 use crate::recurring::Recurring;
 use crate::region::RegionWatch;
 use crate::session::{Capture, Session, SessionParams};
+use crate::source::host::{Health, SensorSource};
 use crate::source::{FrameSource, SourceError};
 use crate::stages::blade::CapturedBlade;
 use crate::station::State;
@@ -30,6 +31,8 @@ pub(crate) const QUEUE: usize = 16;
 const TICK: Duration = Duration::from_millis(200);
 /// How often the rate of frames is measured.
 const RATE_WINDOW: Duration = Duration::from_secs(1);
+/// How long a sensor may give no frames before the staff is called.
+const PATIENCE: Duration = Duration::from_secs(60);
 /// How long it is waited, at most, before a recording that cannot be played again is tried once more.
 const LONGEST_RETRY: Duration = Duration::from_secs(60);
 
@@ -50,8 +53,11 @@ pub(crate) type Source = Box<dyn FrameSource + Send>;
 /// # Errors
 /// When it cannot be opened.
 pub(crate) fn open_source(config: &Config) -> Result<Option<Source>, OpenError> {
+    if config.sensor.driver.is_some() {
+        return Ok(Some(Box::new(SensorSource::new(config, None))));
+    }
     let Some(path) = &config.source.recording else {
-        tracing::warn!("no source.recording is set: nothing will be captured");
+        tracing::warn!("neither source.recording nor sensor.driver is set: nothing will be captured");
         return Ok(None);
     };
     recording::open(path, &config.open_options()).map(Some)
@@ -101,6 +107,10 @@ pub(crate) struct Frames {
     stop: Arc<AtomicBool>,
     source_name: String,
     has_source: bool,
+    /// How the live sensor fares, if the source is one.
+    health: Option<Arc<Health>>,
+    /// Since when it gives no frames, while it does not.
+    silent_since: Option<Instant>,
     /// Who waits for a capture.
     asked: Option<oneshot::Sender<Outcome<CaptureReply>>>,
     watchdog: Watchdog,
@@ -135,6 +145,8 @@ impl Frames {
             stop,
             source_name: String::new(),
             has_source: false,
+            health: None,
+            silent_since: None,
             asked: None,
             watchdog: Watchdog::new(),
             rate: Rate { since: Instant::now(), frames: 0 },
@@ -194,6 +206,10 @@ impl Frames {
         self.session = Session::new(self.params.clone());
         self.previewer.begin();
         self.source_name = source.describe();
+        self.health = source.health();
+        if self.health.is_some() {
+            self.begin_silence();
+        }
         let feed = match Feed::start(source, self.config.source.rate) {
             Ok(feed) => feed,
             Err(error) => {
@@ -201,7 +217,7 @@ impl Frames {
                 return Some(false);
             }
         };
-        self.has_source = true;
+        self.has_source = self.health.is_none();
         loop {
             // What was ordered before a frame holds for it.
             if !self.attend(Duration::ZERO) {
@@ -211,6 +227,7 @@ impl Frames {
             self.count_dropped(feed.take_dropped());
             match given {
                 Ok(Ok(frame)) => {
+                    self.end_silence();
                     let region = self.params.pipeline.mask.roi;
                     if let Some(warning) = self.region.warning(region, [frame.width, frame.height]) {
                         tracing::warn!("{warning}");
@@ -226,6 +243,10 @@ impl Frames {
                     self.count_frame();
                 }
                 Ok(Err(SourceError::BadFrame(reason))) => self.count_skipped(&reason),
+                Ok(Err(SourceError::Interrupted(reason))) => {
+                    tracing::warn!(reason, "no frames come from the sensor; it is tried again");
+                    self.begin_silence();
+                }
                 Ok(Err(SourceError::End)) => {
                     if !self.config.source.looped {
                         tracing::info!("the recording is over");
@@ -236,13 +257,61 @@ impl Frames {
                     tracing::error!(reason, "the recording cannot be read further");
                     return Some(false);
                 }
-                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Timeout) => self.tell_of_silence(),
                 Err(RecvTimeoutError::Disconnected) => {
                     tracing::error!("the thread of the source ended by itself; see the log above");
                     return Some(false);
                 }
             }
         }
+    }
+
+    /// The sensor gives no frames from now on, unless it has not given any for longer.
+    fn begin_silence(&mut self) {
+        if self.silent_since.is_none() {
+            self.silent_since = Some(Instant::now());
+            self.has_source = false;
+            self.session.interrupt();
+            self.answer(Err(StationError::NothingHeld));
+        }
+        self.tell_of_silence();
+    }
+
+    /// Tells the visitor, and after a while that he should call somebody.
+    fn tell_of_silence(&mut self) {
+        let Some(since) = self.silent_since else { return };
+        let message = if since.elapsed() < PATIENCE { Message::Reconnecting } else { Message::CallStaff };
+        self.previewer.no_source(message, &self.params.pipeline.mask);
+        self.say_state(preview::State::NoSource.name());
+    }
+
+    /// A frame has come.
+    fn end_silence(&mut self) {
+        if self.silent_since.take().is_some() {
+            self.has_source = true;
+            self.previewer.begin();
+            if let Some(name) = self.health.as_ref().and_then(|health| health.now().name) {
+                self.source_name = name;
+                let source = self.source_name.clone();
+                self.status.send_modify(|status| status.source = source);
+            }
+        }
+    }
+
+    /// Has the status say how the sensor fares.
+    fn say_health(&self) {
+        let Some(fares) = self.health.as_ref().map(|health| health.now()) else { return };
+        let counts = [fares.starts, fares.silences, fares.deaths, fares.failures, fares.lost_frames];
+        let [starts, silences, deaths, failures, lost] = counts.map(u64::cast_signed);
+        let sensor = fares.trouble.unwrap_or_else(|| "ok".to_owned());
+        self.status.send_if_modified(|status| {
+            let before = status.clone();
+            status.sensor = sensor;
+            (status.sensor_starts, status.sensor_silences) = (starts, silences);
+            (status.sensor_deaths, status.sensor_failures) = (deaths, failures);
+            status.lost_frames = lost;
+            *status != before
+        });
     }
 
     /// Does what is asked for so long; whether to go on.
@@ -254,6 +323,7 @@ impl Frames {
             }
             self.watchdog.feed();
             self.measure_rate();
+            self.say_health();
             let left = due.saturating_duration_since(Instant::now());
             match self.orders.recv_timeout(left.min(TICK)) {
                 Ok(FrameOrder::Params(params, hash)) => {

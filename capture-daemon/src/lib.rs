@@ -6,6 +6,7 @@ pub mod cli;
 pub mod client;
 pub mod config;
 pub mod daemon;
+pub mod devices;
 pub mod doctor;
 pub mod exchange;
 pub mod explain;

@@ -5,7 +5,9 @@ use std::process::ExitCode;
 use capture_daemon::cli::{Cli, ConfigArgs, Verb};
 use capture_daemon::client::ClientError;
 use capture_daemon::config::{self, Config, ConfigError};
-use capture_daemon::{client, daemon, doctor, logging, recording, replay, synth};
+use capture_daemon::devices::DevicesError;
+use capture_daemon::source::host;
+use capture_daemon::{client, daemon, devices, doctor, logging, recording, replay, synth};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
 use common::manual;
@@ -19,6 +21,8 @@ const FAILED: u8 = 1;
 const BAD_ARGUMENTS: u8 = 2;
 /// A recording that is missing or from which not one frame can be read.
 const BAD_RECORDING: u8 = 3;
+/// A sensor that cannot be opened.
+const BAD_SENSOR: u8 = 4;
 
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
@@ -61,6 +65,8 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
             let (messages, images) = (recovered.messages, recovered.images);
             Ok(print(&format!("{}: {messages} messages, {images} of them images\n", args.out.display()))?)
         }
+        Verb::Devices(args) => devices::devices(args),
+        Verb::SensorProcess { order } => host::work(order),
         Verb::CheckConfig(args) => {
             let (_, warnings) = config::check(args.config.as_deref(), &args.sets)?;
             for warning in warnings {
@@ -95,6 +101,8 @@ fn exit_code(error: &anyhow::Error) -> u8 {
         || matches!(error.downcast_ref(), Some(recording::RecoverError::Open(_)))
     {
         BAD_RECORDING
+    } else if error.is::<DevicesError>() {
+        BAD_SENSOR
     } else {
         FAILED
     }

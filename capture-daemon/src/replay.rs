@@ -85,7 +85,7 @@ fn play(
         let frame = match source.next_frame() {
             Ok(frame) => frame,
             Err(SourceError::End) => break,
-            Err(SourceError::BadFrame(reason)) => {
+            Err(SourceError::BadFrame(reason) | SourceError::Interrupted(reason)) => {
                 tracing::debug!(reason, "a frame was skipped");
                 skipped += 1;
                 if skipped == 1 {

@@ -95,6 +95,17 @@ impl Session {
         }
     }
 
+    /// Frames stopped coming for a while: what is held then may be something else, so a hold begins anew. What was
+    /// captured is not captured again as long as something is there.
+    pub fn interrupt(&mut self) {
+        self.held = None;
+        self.is_due = false;
+        self.outside.interrupt();
+        if matches!(self.state, State::Settling { .. }) {
+            self.state = State::Waiting;
+        }
+    }
+
     /// Goes by other parameters from the next frame on. No frame is lost; where the mask is another, what
     /// was added up by the old one is not mixed with what comes, and the hold begins anew.
     pub fn set_params(&mut self, params: SessionParams) {
@@ -174,6 +185,22 @@ mod tests {
         assert_eq!(captures(|_| true, at(&[30])), [16, 46]);
         assert_eq!(captures(|_| false, at(&[5])), [0; 0]);
         assert_eq!(captures(|index| index > 10, at(&[5])), [27], "a demand for nothing is forgotten");
+    }
+
+    #[test]
+    fn an_interruption_begins_a_hold_anew_and_captures_nothing_twice() {
+        let interrupted = |at: u64| {
+            captures(
+                |_| true,
+                move |index, session| {
+                    if index == at {
+                        session.interrupt();
+                    }
+                },
+            )
+        };
+        assert_eq!(interrupted(10), [26]);
+        assert_eq!(interrupted(20), [16]);
     }
 
     #[test]

@@ -67,6 +67,18 @@ pub struct Status {
     pub frames_per_second: f64,
     /// Where the frames come from.
     pub source: String,
+    /// `none`, `ok`, or why no frames come from the sensor at present.
+    pub sensor: String,
+    /// Sensor processes that were started.
+    pub sensor_starts: i64,
+    /// Of these, killed since nothing came from them.
+    pub sensor_silences: i64,
+    /// Of these, crashed or ended.
+    pub sensor_deaths: i64,
+    /// Of these, could not open the sensor, or lost it.
+    pub sensor_failures: i64,
+    /// Frames that were lost between the sensor and the station.
+    pub lost_frames: i64,
     /// `ok`, or why blades cannot be written at present.
     pub store: String,
     /// Captured blades that are announced as soon as they can be written.
@@ -99,6 +111,12 @@ impl Status {
             dropped_frames: 0,
             frames_per_second: 0.0,
             source: source.to_owned(),
+            sensor: "none".to_owned(),
+            sensor_starts: 0,
+            sensor_silences: 0,
+            sensor_deaths: 0,
+            sensor_failures: 0,
+            lost_frames: 0,
             store: "ok".to_owned(),
             waiting: 0,
             lost: 0,

@@ -70,7 +70,8 @@ pub(crate) fn case(random: &mut Random, folder: &Path) {
 pub(crate) fn examine(path: &Path, random: &mut Random, folder: &Path) {
     let camera = CameraModel { fx: 20.0, fy: 20.0, cx: 8.0, cy: 8.0 };
     let given = GivenCamera { camera, distortion: Distortion::default() };
-    let options = OpenOptions { camera: random.once_in(2).then_some(given), topic: None };
+    let camera = random.once_in(2).then_some(given);
+    let options = OpenOptions { camera, ..OpenOptions::default() };
     let read = read(path, &options);
     if let Ok((frames, _)) = &read {
         assert!(!frames.is_empty(), "what opens has a frame");
@@ -115,7 +116,9 @@ fn read(path: &Path, options: &OpenOptions) -> Result<(Vec<DepthFrame>, Vec<Stri
             }
             Err(SourceError::BadFrame(why)) => skipped.push(why),
             Err(SourceError::End) => break,
-            Err(SourceError::Failed(why)) => panic!("a file that is not touched can be read: {why}"),
+            Err(SourceError::Failed(why) | SourceError::Interrupted(why)) => {
+                panic!("a file that is not touched can be read: {why}")
+            }
         }
     }
     assert_eq!(source.next_frame(), Err(SourceError::End), "the end is the end");

@@ -19,7 +19,8 @@ pub struct Daemon {
 }
 
 impl Daemon {
-    /// Starts one on the shipped recording, with other settings over that: key and TOML value.
+    /// Starts one on the shipped recording, or a sensor that the settings name, with other settings over that: key and
+    /// TOML value.
     ///
     /// # Panics
     /// If its socket does not answer.
@@ -43,8 +44,9 @@ impl Daemon {
     pub fn command(folder: &Path, settings: &[(&str, String)]) -> Command {
         // Tests connect as other users, too.
         std::fs::set_permissions(folder, PermissionsExt::from_mode(0o755)).expect("it is ours");
+        let has_sensor = settings.iter().any(|(key, _)| *key == "sensor.driver");
+        let recording = (!has_sensor).then(|| ("source.recording", format!("{:?}", shipped_recording())));
         let own = [
-            ("source.recording", format!("{:?}", shipped_recording())),
             ("service.socket", format!("{:?}", folder.join("station.socket"))),
             ("store.directory", format!("{:?}", folder.join("state"))),
         ];
@@ -52,7 +54,7 @@ impl Daemon {
         if folder.join("station.toml").exists() {
             arguments.extend(["--config".into(), folder.join("station.toml").into()]);
         }
-        for (key, value) in own.iter().chain(settings) {
+        for (key, value) in recording.iter().chain(&own).chain(settings) {
             arguments.extend(["--set".into(), format!("{key}={value}").into()]);
         }
         Program::Capture.command(arguments)

@@ -2,11 +2,14 @@
 
 pub mod daemon;
 pub mod log;
+pub mod oni;
+pub mod openni2;
 pub mod previews;
 pub mod process;
 pub mod programs;
 pub mod random;
 pub mod scan;
+pub mod sensors;
 pub mod station;
 
 use std::path::{Path, PathBuf};

@@ -29,6 +29,8 @@ pub use load::{ConfigError, check, load};
 pub struct Config {
     /// `[source]`
     pub source: SourceConfig,
+    /// `[sensor]`
+    pub sensor: SensorConfig,
     /// `[camera]`
     pub camera: CameraConfig,
     /// `[mask]`
@@ -63,6 +65,60 @@ pub struct SourceConfig {
 impl Default for SourceConfig {
     fn default() -> Self {
         Self { recording: None, looped: false, rate: 1.0, topic: None }
+    }
+}
+
+/// A live sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorConfig {
+    /// What reads it; none where frames come from a recording.
+    pub driver: Option<SensorDriver>,
+    /// Which one: a serial number, a URI, a port, or the path of an `.oni` file that stands in for one.
+    pub device: Option<String>,
+    /// Columns and rows.
+    pub size: Option<[usize; 2]>,
+    /// Frames each second.
+    pub fps: Option<u32>,
+    /// Metres of one count.
+    pub depth_unit_m: Option<f64>,
+    /// Whether left and right are exchanged.
+    pub mirror: bool,
+    /// How long it may give no frame, seconds.
+    pub deadline_s: f64,
+    /// OpenNI2's library.
+    pub openni2_library: PathBuf,
+}
+
+impl Default for SensorConfig {
+    fn default() -> Self {
+        Self {
+            driver: None,
+            device: None,
+            size: None,
+            fps: None,
+            depth_unit_m: None,
+            mirror: false,
+            deadline_s: 5.0,
+            openni2_library: PathBuf::from("libOpenNI2.so.0"),
+        }
+    }
+}
+
+/// What reads a live sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SensorDriver {
+    /// OpenNI2.
+    OpenNi2,
+}
+
+impl SensorDriver {
+    /// Its name, for people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::OpenNi2 => "OpenNI2",
+        }
     }
 }
 
@@ -245,7 +301,8 @@ impl Config {
         // `load` has checked the distortion.
         let distortion = self.camera.distortion().unwrap_or_default();
         let camera = self.camera_model().map(|camera| GivenCamera { camera, distortion });
-        OpenOptions { camera, topic: self.source.topic.clone() }
+        let (topic, sensor) = (self.source.topic.clone(), self.sensor.clone());
+        OpenOptions { camera, topic, sensor, program: None }
     }
 
     /// All keys that have a value, as TOML.

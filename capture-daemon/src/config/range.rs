@@ -14,7 +14,7 @@ pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     fn within(key: &'static str, value: f64, range: RangeInclusive<f64>) -> Option<(&'static str, String)> {
         (!range.contains(&value)).then(|| (key, format!("{} to {}", range.start(), range.end())))
     }
-    let Config { source, camera, mask, capture, blade, refine, store, service } = config;
+    let Config { source, sensor, camera, mask, capture, blade, refine, store, service } = config;
     let focal = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0..=100_000.0));
     let centre = |key, value: Option<f64>| value.and_then(|value| within(key, value, -10_000.0..=10_000.0));
     let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
@@ -38,7 +38,21 @@ pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
         odd.then(|| (key, "a list of \"*\", users, and groups with @ before them".to_owned()))
     };
     let mode = || Some(("service.socket_mode", "0o000 to 0o777".to_owned()));
+    let is_both = sensor.driver.is_some() && source.recording.is_some();
+    let both =
+        || Some(("sensor.driver", "no source.recording beside it: frames come from one of them".to_owned()));
+    let size = || Some(("sensor.size", "[columns, rows] of 1 to 1280 and 1 to 1024 pixels".to_owned()));
+    let bad_size = sensor.size.is_some_and(|[w, h]| !(1..=1280).contains(&w) || !(1..=1024).contains(&h));
+    let unit = sensor.depth_unit_m.is_some_and(|unit| unit != 0.001 && unit != 0.0001);
+    let units = || Some(("sensor.depth_unit_m", "0.001 or 0.0001".to_owned()));
+    let library = || Some(("sensor.openni2_library", "the name or path of a library".to_owned()));
     within("source.rate", source.rate, 0.0..=1000.0)
+        .or_else(|| is_both.then(both).flatten())
+        .or_else(|| bad_size.then(size).flatten())
+        .or_else(|| sensor.fps.and_then(|fps| within("sensor.fps", fps.into(), 1.0..=1000.0)))
+        .or_else(|| unit.then(units).flatten())
+        .or_else(|| within("sensor.deadline_s", sensor.deadline_s, 0.1..=600.0))
+        .or_else(|| is_none(&sensor.openni2_library).then(library).flatten())
         .or_else(|| no_directory.then(directory).flatten())
         .or_else(|| within("store.archive_max", store.archive_max as f64, 0.0..=100_000.0))
         .or_else(|| (service.socket_mode > 0o777).then(mode).flatten())

@@ -20,7 +20,13 @@ fn the_shipped_file_documents_exactly_the_defaults() {
         .lines()
         .map(|line| line.strip_prefix("#= ").unwrap_or(line))
         .fold(String::new(), |all, line| all + line + "\n");
-    let all_keys = check(&uncommented, &[]).expect("every documented key is known");
+    let both = check(&uncommented, &[]).expect_err("frames come from a recording or from a sensor");
+    assert!(both.contains("`sensor.driver`") && both.contains("source.recording"), "{both}");
+    let driver = "driver = \"openni2\"\n";
+    assert!(uncommented.contains(driver));
+    let all_keys = check(&uncommented.replace(driver, ""), &[]).expect("every documented key is known");
+    assert!(check(driver, &[]).is_err() && check(&format!("[sensor]\n{driver}"), &[]).is_ok());
+    assert_eq!(all_keys.sensor.size, Some([640, 480]));
     assert_eq!(all_keys.camera_model().map(|camera| camera.fx), Some(570.0));
     assert!(all_keys.mask.roi.is_some() && all_keys.source.recording.is_some());
     let given = all_keys.open_options().camera.expect("a camera");

@@ -30,7 +30,7 @@ pub(super) fn video(dev: &Path) -> Vec<Finding> {
         }
         match access(path, Access::READ_OK | Access::WRITE_OK) {
             Ok(()) => {
-                let found = "it may be opened; this version takes frames from recordings only";
+                let found = "it may be opened; this version reads sensors of OpenNI2 only";
                 Finding::ok(CHECK, path.display(), found)
             }
             Err(error) => Finding::trouble(
@@ -65,13 +65,15 @@ pub(super) fn openni2(folders: &[PathBuf]) -> Finding {
     let names = ["libOpenNI2.so", "libOpenNI2.so.0"];
     let mut paths = folders.iter().flat_map(|folder| names.map(|name| folder.join(name)));
     let Some(path) = paths.find(|path| path.symlink_metadata().is_ok()) else {
-        return Finding::skipped(CHECK, "libOpenNI2.so", "it is not installed; this version does not use it");
+        return Finding::skipped(
+            CHECK,
+            "libOpenNI2.so",
+            "it is not installed; its sensors and .oni recordings need it",
+        );
     };
     let mut magic = [0; 4];
     match fs::File::open(&path).and_then(|mut file| file.read_exact(&mut magic)) {
-        Ok(()) if magic == *b"\x7fELF" => {
-            Finding::ok(CHECK, path.display(), "it is installed; this version does not use it")
-        }
+        Ok(()) if magic == *b"\x7fELF" => Finding::ok(CHECK, path.display(), "it is installed"),
         read => {
             let found =
                 read.err().map_or("it is no library".into(), |error| format!("it cannot be read: {error}"));

@@ -11,13 +11,19 @@ use crate::source::SourceError;
 pub(super) fn first_frame(config: &Config, played: Option<&str>, deadline: Duration) -> Finding {
     const CHECK: &str = "source";
     const EXPECTED: &str = "a recording whose first frame can be read";
+    if let Some(driver) = config.sensor.driver {
+        let found =
+            format!("frames come from a sensor of {}; sward-capture devices lists them", driver.name());
+        return Finding::skipped(CHECK, "sensor.driver", found);
+    }
     let Some(path) = config.source.recording.clone() else {
         if let Some(played) = played {
             let found = format!("this configuration sets none; the station that runs plays {played}");
             return Finding::skipped(CHECK, "source.recording", found);
         }
-        let found = "no recording is set: a station started so never captures anything";
-        let remedy = "set source.recording, or name the station's own configuration with --config";
+        let found = "neither a recording nor a sensor is set: a station started so never captures anything";
+        let remedy =
+            "set source.recording or sensor.driver, or name the station's own configuration with --config";
         return Finding::trouble(CHECK, "source.recording", found, EXPECTED, remedy);
     };
     let (options, place) = (config.open_options(), path.display().to_string());
@@ -27,7 +33,7 @@ pub(super) fn first_frame(config: &Config, played: Option<&str>, deadline: Durat
         loop {
             match source.next_frame() {
                 Ok(frame) => return Ok((frame.width, frame.height, skipped)),
-                Err(SourceError::BadFrame(_)) => skipped += 1,
+                Err(SourceError::BadFrame(_) | SourceError::Interrupted(_)) => skipped += 1,
                 Err(error) => return Err(format!("not one frame can be read: {error}")),
             }
         }

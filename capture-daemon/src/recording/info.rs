@@ -29,11 +29,13 @@ pub struct TopicInfo {
 pub struct Info {
     /// Where it is.
     pub path: PathBuf,
-    /// The MCAP files that it consists of; none for a folder of PNGs.
+    /// `mcap`, `png` or `oni`.
+    pub format: &'static str,
+    /// The MCAP files that it consists of; none of others.
     pub files: Vec<PathBuf>,
-    /// Its topics by their names; none for a folder of PNGs.
+    /// Its topics by their names; none but of MCAP files.
     pub topics: BTreeMap<String, TopicInfo>,
-    /// Topic of the depth images that are replayed; none for a folder of PNGs.
+    /// Topic of the depth images that are replayed; none but of MCAP files.
     pub image_topic: Option<String>,
     /// Frames that can be used.
     pub frames: u64,
@@ -65,6 +67,7 @@ pub fn info(path: &Path, options: &OpenOptions) -> Result<Info, OpenError> {
     let Recording { contents, mut source } = open_recording(path, options)?;
     let mut info = Info {
         path: path.to_owned(),
+        format: contents.format,
         files: contents.parts,
         topics: BTreeMap::new(),
         image_topic: contents.image_topic,
@@ -93,7 +96,7 @@ pub fn info(path: &Path, options: &OpenOptions) -> Result<Info, OpenError> {
                 let (first, last) = info.times_ns;
                 info.times_ns = (first.min(frame.timestamp_ns), last.max(frame.timestamp_ns));
             }
-            Err(SourceError::BadFrame(why)) => {
+            Err(SourceError::BadFrame(why) | SourceError::Interrupted(why)) => {
                 info.skipped_frames += 1;
                 info.note_damage(why);
             }
@@ -185,7 +188,7 @@ impl Info {
             .collect();
         json!({
             "path": self.path.to_string_lossy(),
-            "format": if self.files.is_empty() { "png" } else { "mcap" },
+            "format": self.format,
             "files": self.files.iter().map(|path| path.to_string_lossy()).collect::<Vec<_>>(),
             "topics": topics,
             "image_topic": self.image_topic,

@@ -1,10 +1,11 @@
-//! Recordings: MCAP files with ROS 2 messages, rosbag2 folders of such, and folders of 16-bit PNGs.
+//! Recordings: MCAP files with ROS 2 messages, rosbag2 folders of such, folders of 16-bit PNGs, and OpenNI2's `.oni`.
 
 mod cdr;
 mod distortion;
 mod in_order;
 mod info;
 mod mcap;
+mod oni;
 mod open_error;
 mod png_sequence;
 mod recover;
@@ -23,6 +24,7 @@ pub use self::open_error::OpenError;
 pub use self::png_sequence::PngWriter;
 pub use self::recover::{RecoverError, Recovered, recover};
 pub use self::ros2::{FLOAT_DEPTH_UNIT_M, MessageError};
+use crate::config::SensorConfig;
 use crate::frame::CameraModel;
 use crate::source::{FrameSource, SourceError};
 
@@ -46,6 +48,10 @@ pub struct OpenOptions {
     pub camera: Option<GivenCamera>,
     /// Topic of the depth images, among several.
     pub topic: Option<String>,
+    /// How OpenNI2 plays its own: of these the library and whether the picture is to be mirrored.
+    pub sensor: SensorConfig,
+    /// The file of `sward-capture`, which reads those in a process of its own; none where this is it.
+    pub program: Option<PathBuf>,
 }
 
 /// Why a recording cannot be written.
@@ -93,6 +99,8 @@ pub enum WriteError {
 /// What is known of a recording once it is open.
 #[derive(Clone, Debug, PartialEq)]
 struct Contents {
+    /// `mcap`, `png` or `oni`.
+    format: &'static str,
     /// Topic of the depth images; none of pictures.
     image_topic: Option<String>,
     /// The distortion that is undone in them.
@@ -125,6 +133,7 @@ fn open_recording(path: &Path, options: &OpenOptions) -> Result<Recording, OpenE
     match kind(path)? {
         Kind::Mcap(parts) => mcap::open(path, parts, options),
         Kind::Pictures => png_sequence::open(path),
+        Kind::Oni => oni::open(path, options),
     }
 }
 
@@ -134,6 +143,8 @@ enum Kind {
     Mcap(Vec<mcap::Part>),
     /// A folder of PNGs.
     Pictures,
+    /// A recording of OpenNI2.
+    Oni,
 }
 
 /// Looks at what is at a path.
@@ -164,11 +175,7 @@ fn kind(path: &Path) -> Result<Kind, OpenError> {
     match start.as_slice() {
         [] => Err(not_a_recording(path, "an empty file")),
         start if start == mcap::MAGIC => Ok(Kind::Mcap(vec![mcap::Part { path: path.to_owned() }])),
-        [b'N', b'I', b'1', b'0', ..] => Err(OpenError::Unsupported {
-            path: path.to_owned(),
-            found: "an OpenNI recording".to_owned(),
-            remedy: "convert it to MCAP or to a folder of 16-bit PNGs",
-        }),
+        start if start.starts_with(oni::MAGIC) => Ok(Kind::Oni),
         start if start.starts_with(b"\x89PNG") => Err(not_a_recording(path, "one picture; give its folder")),
         start if mcap::MAGIC.starts_with(start) => {
             Err(not_a_recording(path, "an MCAP file cut off in its first bytes"))
@@ -198,7 +205,7 @@ fn ensure_one_frame(path: &Path, source: &mut dyn FrameSource) -> Result<(), Ope
         match source.next_frame() {
             Ok(_) => return Ok(()),
             Err(SourceError::BadFrame(why)) if reason.is_empty() => reason = format!("; {why}"),
-            Err(SourceError::BadFrame(_)) => {}
+            Err(SourceError::BadFrame(_) | SourceError::Interrupted(_)) => {}
             Err(SourceError::End) => return Err(OpenError::NoFrames { path: path.to_owned(), reason }),
             Err(SourceError::Failed(why)) => {
                 let reason = format!("; {why}");

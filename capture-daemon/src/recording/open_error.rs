@@ -9,7 +9,7 @@ use super::ros2::MessageError;
 pub enum OpenError {
     /// Nothing is there.
     #[error(
-        "{path}: there is no such file or folder; expected a recording: an MCAP file, a rosbag2 folder or a folder of 16-bit PNGs with camera.toml"
+        "{path}: there is no such file or folder; expected a recording: an MCAP file, a rosbag2 folder, an .oni file or a folder of 16-bit PNGs with camera.toml"
     )]
     Missing {
         /// Where.
@@ -25,7 +25,7 @@ pub enum OpenError {
     },
     /// Something else.
     #[error(
-        "{path}: is not a recording but {found}; expected an MCAP file, a rosbag2 folder or a folder of 16-bit PNGs with camera.toml"
+        "{path}: is not a recording but {found}; expected an MCAP file, a rosbag2 folder, an .oni file or a folder of 16-bit PNGs with camera.toml"
     )]
     NotARecording {
         /// Where.
@@ -42,6 +42,14 @@ pub enum OpenError {
         found: String,
         /// What to do.
         remedy: &'static str,
+    },
+    /// OpenNI2 does not play it.
+    #[error("{path}: {reason}")]
+    OpenNi {
+        /// Where.
+        path: PathBuf,
+        /// Why.
+        reason: String,
     },
     /// No topic with depth images.
     #[error(

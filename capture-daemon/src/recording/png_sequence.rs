@@ -109,7 +109,8 @@ pub(super) fn open(path: &Path) -> Result<Recording, OpenError> {
     let mut source = PngSource { path: path.to_owned(), pictures, camera, size: None, next: 0 };
     ensure_one_frame(path, &mut source)?;
     source.next = 0;
-    let contents = Contents { image_topic: None, distortion: Distortion::default(), parts: Vec::new() };
+    let contents =
+        Contents { format: "png", image_topic: None, distortion: Distortion::default(), parts: Vec::new() };
     Ok(Recording { contents, source: Box::new(source) })
 }
 

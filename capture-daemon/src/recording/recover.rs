@@ -70,7 +70,15 @@ pub(super) const MAX_DAMAGE: usize = 16;
 /// # Errors
 /// When `from` cannot be read or holds not one image, when `to` exists, when it cannot be written.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
-    let Kind::Mcap(parts) = kind(from)? else {
+    let kind = kind(from)?;
+    if matches!(kind, Kind::Oni) {
+        return Err(RecoverError::Open(OpenError::Unsupported {
+            path: from.to_owned(),
+            found: "a recording of OpenNI2".to_owned(),
+            remedy: "replay and info read what is whole of it as it is",
+        }));
+    }
+    let Kind::Mcap(parts) = kind else {
         let io = |source| OpenError::Io { path: from.to_owned(), source };
         if png_sequence::pictures(from).map_err(io)?.is_empty() {
             return Err(RecoverError::Open(not_a_recording(from, "a folder without MCAP files")));

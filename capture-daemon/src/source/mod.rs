@@ -1,7 +1,12 @@
 //! Where frames come from. Replay and hardware differ in this trait alone.
 
+pub mod host;
+pub mod openni2;
 pub mod synthetic;
 
+use std::sync::Arc;
+
+use self::host::Health;
 use crate::frame::DepthFrame;
 
 /// A sensor or a recording. Blocking.
@@ -9,11 +14,17 @@ pub trait FrameSource {
     /// What it is, for logs and status lines: a path, a model and serial.
     fn describe(&self) -> String;
 
+    /// How a live sensor fares; `None` for what is played at one's own pace.
+    fn health(&self) -> Option<Arc<Health>> {
+        None
+    }
+
     /// The next frame.
     ///
     /// # Errors
-    /// [`SourceError::End`] after the last frame; [`SourceError::BadFrame`] for one that is skipped
-    /// (the next call goes on after it); all others end the source.
+    /// [`SourceError::End`] after the last frame; [`SourceError::BadFrame`] for one that is skipped and
+    /// [`SourceError::Interrupted`] while a sensor is started again (the next call goes on after it); all others end
+    /// the source.
     fn next_frame(&mut self) -> Result<DepthFrame, SourceError>;
 }
 
@@ -26,6 +37,9 @@ pub enum SourceError {
     /// One frame cannot be used.
     #[error("{0}")]
     BadFrame(String),
+    /// A sensor gives no frames at present; it is tried again.
+    #[error("{0}")]
+    Interrupted(String),
     /// Nothing more can be read.
     #[error("{0}")]
     Failed(String),

@@ -27,6 +27,7 @@ pub(in crate::recording) fn open(
     ensure_one_frame(path, &mut source(true))?;
     let info = &selection.info;
     let contents = Contents {
+        format: "mcap",
         image_topic: Some(selection.image_topic.clone()),
         distortion: info.distortion.clone(),
         parts: parts.iter().map(|part| part.path.clone()).collect(),
