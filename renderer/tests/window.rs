@@ -1,6 +1,6 @@
-//! Does the window fill a kiosk's screen, is it steered, resized and hidden without harm, does
-//! what it loses come back, and does it end with a
-//! word when the display does? These need Xvfb; without it they say so, or fail with SWARD_REQUIRE_GPU=1.
+//! Does the window fill a kiosk's screen, is it steered, resized and hidden without harm, does what it loses come
+//! back, and does it end with a word when the display does? These need Xvfb and weston; without them they say so, or
+//! fail with SWARD_REQUIRE_GPU=1.
 
 mod common;
 
@@ -31,6 +31,19 @@ impl Process {
     fn end(&mut self) -> Option<i32> {
         let end = wait_for(|| self.0.try_wait().expect("it can be waited for"));
         end.expect("it ends").code()
+    }
+
+    /// What it says from now on, as it says it.
+    fn listen(&mut self) -> Arc<Mutex<String>> {
+        let stderr = self.0.stderr.take().expect("stderr is piped");
+        let said = Arc::new(Mutex::new(String::new()));
+        let heard = Arc::clone(&said);
+        std::thread::spawn(move || {
+            for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+                heard.lock().expect("nobody panics with it").push_str(&(line + "\n"));
+            }
+        });
+        said
     }
 
     fn said(&mut self) -> String {
@@ -77,10 +90,7 @@ impl Screen {
         match number.flatten() {
             Some(number) => Some(Self { server, display: format!(":{number}") }),
             None => {
-                let required = std::env::var_os("SWARD_REQUIRE_GPU").is_some_and(|value| value == "1");
-                assert!(!required, "Xvfb does not run");
-                // Not by a macro, whose output the test harness would hide.
-                writeln!(std::io::stderr(), "skipped: no Xvfb").expect("stderr is there");
+                skip("Xvfb");
                 None
             }
         }
@@ -98,13 +108,19 @@ impl Screen {
     }
 
     fn window(&self, folder: &Path, options: &[&str]) -> Process {
-        let library = folder.join("meadow.sward");
-        std::fs::write(&library, common::meadow(1)).expect("written");
-        let mut command = Command::new(env!("CARGO_BIN_EXE_sward-render"));
-        command.arg("--library").arg(&library).args(options).env("DISPLAY", &self.display);
-        command.env_remove("WAYLAND_DISPLAY").env("XDG_RUNTIME_DIR", folder);
-        Process(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program runs"))
+        open_window(folder, options, |command| {
+            command.env("DISPLAY", &self.display).env_remove("WAYLAND_DISPLAY")
+        })
     }
+}
+
+fn open_window(folder: &Path, options: &[&str], on: impl Fn(&mut Command) -> &mut Command) -> Process {
+    let library = folder.join("meadow.sward");
+    std::fs::write(&library, common::meadow(1)).expect("written");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sward-render"));
+    command.arg("--library").arg(&library).args(options).env("XDG_RUNTIME_DIR", folder);
+    on(&mut command).stdout(Stdio::null()).stderr(Stdio::piped());
+    Process(command.spawn().expect("the program runs"))
 }
 
 fn colours(pixels: &[u8]) -> usize {
@@ -118,6 +134,24 @@ fn fills(pixels: &[u8]) -> bool {
     [(1, 1), (right, 1), (1, bottom), (right, bottom), (WIDTH / 2, HEIGHT / 2)]
         .iter()
         .all(|(x, y)| at(*x, *y))
+}
+
+fn says(said: &Mutex<String>, words: &str) {
+    let found = wait_for(|| said.lock().expect("nobody panics with it").contains(words).then_some(()));
+    assert!(found.is_some(), "{words:?} in {}", said.lock().expect("nobody panics with it"));
+}
+
+fn loses_both_and_goes_on(said: &Mutex<String>) {
+    for words in ["surface was lost", "device was lost", "drawing again"] {
+        says(said, words);
+    }
+}
+
+fn skip(what: &str) {
+    let required = std::env::var_os("SWARD_REQUIRE_GPU").is_some_and(|value| value == "1");
+    assert!(!required, "{what} does not run");
+    // Not by a macro, whose output the test harness would hide.
+    writeln!(std::io::stderr(), "skipped: no {what}").expect("stderr is there");
 }
 
 #[test]
@@ -151,21 +185,8 @@ fn a_lost_surface_and_a_lost_device_come_back() {
     let Some(screen) = Screen::start(folder.path()) else { return };
     let options = ["--size", "300x170", "--lose", "surface@5", "--lose", "device@10"];
     let mut window = screen.window(folder.path(), &options);
-    let stderr = window.0.stderr.take().expect("stderr is piped");
-    let said = Arc::new(Mutex::new(String::new()));
-    let heard = Arc::clone(&said);
-    std::thread::spawn(move || {
-        for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-            heard.lock().expect("nobody panics with it").push_str(&(line + "\n"));
-        }
-    });
-    let says = |words: &str| {
-        let found = wait_for(|| said.lock().expect("nobody panics with it").contains(words).then_some(()));
-        assert!(found.is_some(), "{words:?} in {}", said.lock().expect("nobody panics with it"));
-    };
-    says("surface was lost");
-    says("device was lost");
-    says("drawing again");
+    let said = window.listen();
+    loses_both_and_goes_on(&said);
     let moves = || {
         let before = Screen::pixels(folder.path());
         wait_for(|| {
@@ -175,6 +196,38 @@ fn a_lost_surface_and_a_lost_device_come_back() {
     };
     assert!(moves().is_some() && moves().is_some(), "the meadow goes on");
     assert_eq!(window.0.try_wait().expect("it can be waited for"), None);
+}
+
+/// A Wayland display without a screen, `sward` in this folder. Its backend has another name since weston 12.
+fn weston(folder: &Path) -> Option<Process> {
+    ["headless-backend.so", "headless"].iter().find_map(|backend| {
+        let mut command = Command::new("weston");
+        command.arg(format!("--backend={backend}")).args(["--socket=sward", "--width=320", "--height=180"]);
+        command.args(["--idle-time=0", "--no-config"]).env("XDG_RUNTIME_DIR", folder);
+        let mut weston = Process(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok()?);
+        let there = wait_for(|| {
+            let ended = weston.0.try_wait().expect("it can be waited for").is_some();
+            (ended || folder.join("sward").exists()).then_some(!ended)
+        });
+        (there == Some(true)).then_some(weston)
+    })
+}
+
+#[test]
+fn under_wayland_too_what_is_lost_comes_back_and_the_end_of_the_display_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let Some(weston) = weston(folder.path()) else { return skip("weston") };
+    let options = ["--size", "300x170", "--lose", "surface@5", "--lose", "device@10"];
+    let mut window = open_window(folder.path(), &options, |command| {
+        command.env("WAYLAND_DISPLAY", "sward").env_remove("DISPLAY")
+    });
+    let said = window.listen();
+    loses_both_and_goes_on(&said);
+    assert_eq!(window.0.try_wait().expect("it can be waited for"), None);
+    drop(weston);
+    assert_eq!(window.end(), Some(1), "systemd starts it again");
+    says(&said, "display has ended");
+    assert!(!said.lock().expect("nobody panics with it").contains("panicked"));
 }
 
 #[test]
