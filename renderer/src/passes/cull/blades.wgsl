@@ -66,29 +66,27 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) la
     // Blades that are thinned out sink rather than vanish; those left are widened to
     // the area that goes.
     let kept_here = kept(distance_m);
-    var presence = saturate(f32(TILE_BLADES) * kept_here * density(root) - f32(rank));
-    var far_fade = 1.0 - smoothstep(FADE_FROM * survey.range_m, survey.range_m, distance_m);
-    if survey.everything == 1u {
-        presence = f32(f32(rank) < f32(TILE_BLADES) * density(root));
-        far_fade = 1.0;
-    }
-    if survey.blended == 0u {
-        presence = f32(presence > 0.5);
-        far_fade = f32(far_fade > 0.5);
-    }
+    let everything = survey.everything == 1u;
+    let blended = survey.blended == 1u;
+    let full = f32(TILE_BLADES) * density(root);
+    var presence = select(saturate(full * kept_here - f32(rank)), f32(f32(rank) < full), everything);
+    var far_fade = max(1.0 - smoothstep(FADE_FROM * survey.range_m, survey.range_m, distance_m), f32(everything));
+    presence = select(f32(presence > 0.5), presence, blended);
+    far_fade = select(f32(far_fade > 0.5), far_fade, blended);
     let widen = min(pow(kept_here, -KEPT_AREA), MAX_WIDEN);
 
     // Where the library before had another blade, that one gives way first, then the new one grows.
     let index_of_shape = shape_index(blade, root);
     var share = shares[index_of_shape];
     var old = 0u;
-    if survey.swapped < 1.0 && old_shares[index_of_shape].shape != share.shape {
+    let old_share = old_shares[index_of_shape];
+    if (survey.swapped < 1.0) & (old_share.shape != share.shape) {
         let turn = f32(blade.salt >> 20u & 0xFFu) * (1.0 / 255.0);
         let swapped = saturate(survey.swapped * 1.6 - 0.6 * turn);
         presence *= smoothstep(0.0, 1.0, abs(2.0 * swapped - 1.0));
         if swapped < 0.5 {
             old = 1u;
-            share = old_shares[index_of_shape];
+            share = old_share;
         }
     }
     presence *= far_fade;
@@ -103,24 +101,22 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) la
     let size = mix(SCALE_MIN, SCALE_MAX, mix(own_size, by_rank, SIZE_BY_RANK));
     let scale = size * mix(LUSH_SCALE_MIN, LUSH_SCALE_MAX, lush);
     let reach_m = scale * share.reach_m;
-    if survey.everything == 0u {
-        for (var i = 0u; i < 5u; i++) {
-            if dot(frame.planes[i], vec4f(root_in_world, 1.0)) < -(reach_m + widen * reach_m * 0.25) {
-                return;
-            }
+    let margin_m = select(reach_m + widen * reach_m * 0.25, BEYOND_ALL, everything);
+    for (var i = 0u; i < 5u; i++) {
+        if dot(frame.planes[i], vec4f(root_in_world, 1.0)) < -margin_m {
+            return;
         }
     }
 
-    let size_px = survey.detail * reach_m / (frame.pixel_rad * distance_m);
+    let size_px = select(survey.detail * reach_m / (frame.pixel_rad * distance_m), BEYOND_ALL, everything);
     var level = 0u;
+    while level < LEVELS - 1u && size_px < LEVEL_PX[level] {
+        level++;
+    }
     var morph = 0.0;
-    if survey.everything == 0u {
-        while level < LEVELS - 1u && size_px < LEVEL_PX[level] {
-            level++;
-        }
-        if level < LEVELS - 1u && survey.blended == 1u {
-            morph = 1.0 - smoothstep(LEVEL_PX[level], LEVEL_PX[level] * MORPH_FROM, size_px);
-        }
+    if level < LEVELS - 1u {
+        let nearly = 1.0 - smoothstep(LEVEL_PX[level], LEVEL_PX[level] * MORPH_FROM, size_px);
+        morph = select(0.0, nearly, blended);
     }
 
     let slot = atomicAdd(&counts.instances, 1u);

@@ -40,7 +40,12 @@ struct Counts {
     levels: array<atomic<u32>, LEVELS>,
 }
 
+// No branch of these kernels hangs on the survey alone: Mesa's software driver makes a shader anew for each frame whose
+// uniforms decide a branch, and keeps them all.
 @group(1) @binding(0) var<uniform> survey: Survey;
+
+// More than anything is away or large.
+const BEYOND_ALL: f32 = 1e9;
 
 // The part of the blades that is drawn this far away, 0 to 1.
 fn kept(distance_m: f32) -> f32 {

@@ -56,14 +56,14 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) la
     let centre = (vec2f(tile) + 0.5) * TILE_M;
     let centre_in_world = vec3f(centre.x, ground_height_m(centre), centre.y);
     let nearest_m = distance(centre_in_world, frame.eye_in_world) - TILE_RADIUS_M;
-    if survey.everything == 0u {
-        if nearest_m > survey.range_m {
+    let everything = survey.everything == 1u;
+    if nearest_m > select(survey.range_m, BEYOND_ALL, everything) {
+        return;
+    }
+    let margin_m = select(TILE_RADIUS_M + survey.reach_m, BEYOND_ALL, everything);
+    for (var i = 0u; i < 5u; i++) {
+        if dot(frame.planes[i], vec4f(centre_in_world, 1.0)) < -margin_m {
             return;
-        }
-        for (var i = 0u; i < 5u; i++) {
-            if dot(frame.planes[i], vec4f(centre_in_world, 1.0)) < -(TILE_RADIUS_M + survey.reach_m) {
-                return;
-            }
         }
     }
     let candidates = u32(ceil(f32(TILE_BLADES) * kept(nearest_m)));

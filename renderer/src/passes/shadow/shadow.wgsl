@@ -35,13 +35,12 @@ fn sun_seen(uv: vec2f, depth: f32) -> f32 {
 // `depth_m`: below the meadow's roof.
 fn sun_at(in_world: vec3f, depth_m: f32) -> f32 {
     let by_height = sun_below(depth_m);
-    if shadow.strength == 0.0 {
-        return by_height;
-    }
     // A leaf does not hide itself: the look goes from a little before it.
     let at = (shadow.map_from_world * vec4f(in_world + light.to_sun * (4.0 * shadow.texel_m + 0.004), 1.0)).xyz;
     let edge = max(abs(at.x), abs(at.y));
-    let inside = 1.0 - smoothstep(0.7, 1.0, edge);
+    // Without a map nothing is inside. A branch on the strength alone would have Mesa's software driver make the
+    // shader anew for each frame.
+    let inside = shadow.strength * (1.0 - smoothstep(0.7, 1.0, edge));
     if inside <= 0.0 {
         return by_height;
     }
