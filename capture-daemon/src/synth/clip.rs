@@ -17,9 +17,9 @@ const FOCAL_OVER_WIDTH: f64 = 570.0 / 640.0;
 /// How a scene is filmed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClipParams {
-    /// Columns, 16..=4096.
+    /// Columns, 16..=1280.
     pub width: usize,
-    /// Rows, 16..=4096.
+    /// Rows, 16..=1280.
     pub height: usize,
     /// Scale of the sensor's errors: 1 like a real one, 0 none; 0..=10.
     pub noise: f64,
@@ -47,13 +47,13 @@ pub struct ClipParamsError {
 impl ClipParams {
     pub(super) fn check(&self) -> Result<(), ClipParamsError> {
         let error = |what, found: String, expected| Err(ClipParamsError { what, found, expected });
-        let sides_fit = [self.width, self.height].iter().all(|side| (16..=4096).contains(side));
+        let sides_fit = [self.width, self.height].iter().all(|side| (16..=1280).contains(side));
         if !sides_fit || self.width * self.height > MAX_PIXELS {
             let found = format!("{}x{}", self.width, self.height);
             return error(
                 "the size",
                 found,
-                "sides of 16 to 4096 pixels, 1310720 pixels (1280x1024) at most",
+                "sides of 16 to 1280 pixels, 1310720 pixels (1280x1024) at most",
             );
         }
         if !(0.0..=10.0).contains(&self.noise) {

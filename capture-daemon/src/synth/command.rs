@@ -61,7 +61,7 @@ pub struct SynthArgs {
     /// Clips of each family, 1 to 100000. Example: --clips 5
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub clips: u64,
-    /// Columns and rows in pixels, each 16 to 4096, and 1280x1024 pixels in all at most. Example: --size
+    /// Columns and rows in pixels, each 16 to 1280, and 1280x1024 pixels in all at most. Example: --size
     /// 512x424
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = parse_size)]
     pub size: (usize, usize),
