@@ -126,7 +126,7 @@ pub struct Cli {
     #[arg(long, value_name = "DIR")]
     pub shaders: Option<PathBuf>,
 
-    /// Loses the window's surface or its device at a frame, as in surface@40, to see that it comes back
+    /// Loses the window's surface or its device after so many frames, to see that it comes back. Example: --lose surface@40
     #[arg(long, value_name = "WHAT@FRAME", hide = true, value_parser = parse_loss)]
     pub lose: Vec<Loss>,
 
