@@ -245,44 +245,20 @@ fn beyond(mask: &Mask, from: Vec2, way: Vec2, surface: Surface, [near, far]: [f3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{CameraModel, DepthFrame};
-    use crate::stages::accumulate::Accumulation;
-    use crate::stages::mask::{self, MaskParams};
+    use crate::stages::drawn::{mask_of, section_along_row};
+    use crate::stages::mask::MaskParams;
     use crate::stages::ribbon::ANCHOR;
     use crate::stages::section::{Fold, Measured};
 
     /// A strip 11 pixels wide at 0.5 m, its edges moved by `waver` pixels here and there, before `behind`
     /// (depth in millimetres at each pixel).
     fn margins(waver: i32, behind: impl Fn(i32, i32) -> u16) -> Margins {
-        let (width, height) = (80, 100);
         let half = |y: i32| 5 + if y / 3 % 2 == 0 { waver } else { 0 };
-        let depth = |x: i32, y: i32| if (x - 40).abs() <= half(y) { 500 } else { behind(x, y) };
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let frame = DepthFrame {
-            width: width as usize,
-            height: height as usize,
-            depth: pixels.map(|(x, y)| depth(x, y)).collect(),
-            depth_unit_m: 0.001,
-            timestamp_ns: 0,
-            camera: CameraModel { fx: 570.0, fy: 570.0, cx: 40.0, cy: 50.0 },
-        };
+        let depth_m =
+            |x: i32, y: i32| if (x - 40).abs() <= half(y) { 0.5 } else { 1e-3 * f32::from(behind(x, y)) };
+        let mask = mask_of((80, 100), depth_m);
+        let section = |y: i32| section_along_row(&mask, Vec2::new(40.0, y as f32), 5.5);
         let params = MaskParams::default();
-        let mut accumulation = Accumulation::like(&frame);
-        accumulation.add(&frame, &params);
-        let mask = mask::extract(&accumulation, &params);
-        let section = |y: i32| {
-            let expected = Expected {
-                mid: Vec2::new(40.0, y as f32),
-                across: Vec2::X,
-                half_px: 5.5,
-                depth_m: 0.5,
-                slope_m: 0.0,
-                fold: Fold::default(),
-                tolerance_m: 0.004,
-                search_px: 4.0,
-            };
-            Section { expected, measured: expected.measure(&mask), anchor: ANCHOR, guide_px: None }
-        };
         let sections = (10..90).rev().map(section).collect();
         let ribbon = Ribbon { sections, root: End::Free, tip: End::Free, unsure: 0 };
         look(&mask, &ribbon, [params.near_m as f32, params.far_m as f32])

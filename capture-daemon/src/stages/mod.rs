@@ -16,6 +16,8 @@ pub mod contour;
 pub mod cover;
 pub mod crease;
 mod crossing;
+#[cfg(test)]
+mod drawn;
 pub mod hand;
 mod hook;
 mod join;

@@ -152,46 +152,17 @@ fn extent(mask: &Mask, label: u16, point: Vec2, across: Vec2, reach_px: f32) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{CameraModel, DepthFrame};
-    use crate::stages::accumulate::Accumulation;
-    use crate::stages::mask::{self, MaskParams};
-    use crate::stages::ribbon::ANCHOR;
-    use crate::stages::section::Fold;
+    use crate::stages::drawn::{mask_of, section_along_row};
 
     #[test]
     fn the_way_to_the_base_is_as_wide_as_what_is_seen_there() {
-        let (width, height) = (80, 120);
         // Narrow down to row 60, and a little to the right there; broad from there on.
         let on_leaf = |x: i32, y: i32| {
             let (middle, half) = if y < 60 { (42, 4) } else { (40, 12) };
             y >= 20 && (x - middle).abs() <= half
         };
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let frame = DepthFrame {
-            width: width as usize,
-            height: height as usize,
-            depth: pixels.map(|(x, y)| if on_leaf(x, y) { 500 } else { 1500 }).collect(),
-            depth_unit_m: 0.001,
-            timestamp_ns: 0,
-            camera: CameraModel { fx: 570.0, fy: 570.0, cx: 40.0, cy: 60.0 },
-        };
-        let params = MaskParams::default();
-        let mut accumulation = Accumulation::like(&frame);
-        accumulation.add(&frame, &params);
-        let mask = mask::extract(&accumulation, &params);
-        let section = |y: i32| {
-            let expected = Expected {
-                mid: Vec2::new(40.0, y as f32),
-                across: Vec2::X,
-                half_px: 12.5,
-                depth_m: 0.5,
-                slope_m: 0.0,
-                fold: Fold::default(),
-                tolerance_m: 0.004,
-                search_px: 4.0,
-            };
-            Section { expected, measured: expected.measure(&mask), anchor: ANCHOR, guide_px: None }
-        };
+        let mask = mask_of((80, 120), |x, y| if on_leaf(x, y) { 0.5 } else { 1.5 });
+        let section = |y: i32| section_along_row(&mask, Vec2::new(40.0, y as f32), 12.5);
         let seen: Vec<Section> = (66..119).rev().map(section).collect();
         let sections = turned(&mask, seen, Vec2::new(40.0, 22.0));
         let led = sections.iter().filter(|section| (26.0..54.0).contains(&section.expected.mid.y));

@@ -399,9 +399,7 @@ fn lead_along(mask: &Mask, leaf: &mut Ribbon, way: &[usize], depth_px: impl Fn(u
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{CameraModel, DepthFrame};
-    use crate::stages::accumulate::Accumulation;
-    use crate::stages::mask::{self, MaskParams};
+    use crate::stages::drawn::mask_of;
     use crate::stages::{contour, partition, ribbon};
 
     const ROOT: Vec2 = Vec2::new(120.0, 239.0);
@@ -409,31 +407,18 @@ mod tests {
     /// What is seen of strokes that narrow from `half` pixels to a tip, each bowed upward, half a metre away:
     /// the mask, its distances from the root and its ribbons.
     fn seen(strokes: &[(Vec2, Vec2, f32)], stem: bool) -> (Mask, Vec<Field>, Vec<Ribbon>) {
-        let (width, height) = (240, 240);
         let on_stroke = |point: Vec2, (from, to, half): &(Vec2, Vec2, f32)| {
             (0..=100).map(|k| k as f32 / 100.0).any(|t| {
                 let bow = Vec2::new(0.0, -120.0 * t * (1.0 - t));
                 point.distance(from.lerp(*to, t) + bow) < half * (1.0 - t).sqrt()
             })
         };
-        let depth = |x: usize, y: usize| {
+        let depth_m = |x: i32, y: i32| {
             let point = Vec2::new(x as f32, y as f32);
             let on_stem = stem && (point.x - ROOT.x).abs() < 4.5 && point.y > 70.0;
-            if on_stem || strokes.iter().any(|stroke| on_stroke(point, stroke)) { 500 } else { 1500 }
+            if on_stem || strokes.iter().any(|stroke| on_stroke(point, stroke)) { 0.5 } else { 1.5 }
         };
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let frame = DepthFrame {
-            width,
-            height,
-            depth: pixels.map(|(x, y)| depth(x, y)).collect(),
-            depth_unit_m: 0.001,
-            timestamp_ns: 0,
-            camera: CameraModel { fx: 570.0, fy: 570.0, cx: 120.0, cy: 120.0 },
-        };
-        let params = MaskParams::default();
-        let mut accumulation = Accumulation::like(&frame);
-        accumulation.add(&frame, &params);
-        let mask = mask::extract(&accumulation, &params);
+        let mask = mask_of((240, 240), depth_m);
         let params = partition::PartitionParams::default();
         let outlines = contour::trace(&mask, &mask.pieces);
         let parts: Vec<_> = outlines

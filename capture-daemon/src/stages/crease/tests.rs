@@ -1,7 +1,5 @@
 use super::*;
-use crate::frame::{CameraModel, DepthFrame};
-use crate::stages::accumulate::Accumulation;
-use crate::stages::mask::{self, MaskParams};
+use crate::stages::drawn::mask_of;
 use crate::stages::ribbon::ANCHOR;
 
 const NOISE_M: f64 = 2e-4;
@@ -54,25 +52,13 @@ fn flat_bent_and_hardly_folded_blades_have_none() {
 #[test]
 fn where_a_blade_is_led_unseen_its_crease_stays_in_its_middle() {
     const SEEN: usize = 130;
-    let (width, height, middle) = (120, 240, 60.0);
+    let middle = 60.0;
     // A creased blade down a column, before a wall; what is below is not seen.
-    let depth_m = |x: usize, y: usize| {
+    let depth_m = |x: i32, y: i32| {
         let aside = (x as f32 - middle).abs();
-        if aside < 8.5 && (10..10 + SEEN).contains(&y) { 0.5 + 4e-4 * aside } else { 1.4 }
+        if aside < 8.5 && (10..10 + SEEN as i32).contains(&y) { 0.5 + 4e-4 * aside } else { 1.4 }
     };
-    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-    let frame = DepthFrame {
-        width,
-        height,
-        depth: pixels.map(|(x, y)| (1e4 * depth_m(x, y)).round() as u16).collect(),
-        depth_unit_m: 1e-4,
-        timestamp_ns: 0,
-        camera: CameraModel { fx: 570.0, fy: 570.0, cx: 60.0, cy: 120.0 },
-    };
-    let params = MaskParams::default();
-    let mut accumulation = Accumulation::like(&frame);
-    accumulation.add(&frame, &params);
-    let mask = mask::extract(&accumulation, &params);
+    let mask = mask_of((120, 240), depth_m);
     // Where it is seen last it is taken to bend aside a little.
     let section = |i: usize| {
         let aside = 0.05 * (i as f32 - 90.0).clamp(0.0, 40.0);
