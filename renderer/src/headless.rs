@@ -17,7 +17,7 @@ use crate::gpu::{Gpu, device};
 use crate::library_watch::LibraryWatch;
 
 /// Format of the pictures.
-const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
+const FORMAT: wgpu::TextureFormat = targets::PICTURE;
 /// Pictures to a second of the meadow's time.
 const FRAMES_PER_SECOND: f32 = 30.0;
 /// How long a picture waits for a station that has not answered yet, when no blade is waited for.

@@ -13,7 +13,7 @@ use crate::frame::View;
 use crate::garden::Garden;
 use crate::governor::Governor;
 use crate::gpu::shader::Sources;
-use crate::gpu::targets::Targets;
+use crate::gpu::targets::{self, Targets};
 use crate::gpu::{Gpu, device};
 use crate::passes::cull::Detail;
 use crate::scene::camera::path::Path;
@@ -284,8 +284,8 @@ fn configure(
     let mut config = surface
         .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
         .context("the Vulkan device cannot draw to this window; use --headless to draw to files")?;
-    config.format =
-        capabilities.formats.iter().copied().find(wgpu::TextureFormat::is_srgb).unwrap_or(config.format);
+    let plain = |format: &wgpu::TextureFormat| targets::PLAIN.contains(format);
+    config.format = capabilities.formats.iter().copied().find(plain).unwrap_or(config.format);
     // The default under X11 is Immediate, which tears.
     config.present_mode = wgpu::PresentMode::Fifo;
     surface.configure(&gpu.device, &config);

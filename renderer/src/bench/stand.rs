@@ -26,7 +26,7 @@ pub(super) struct Stand {
 impl Stand {
     /// A bare meadow for pictures of `size` pixels, on a device of its own.
     pub(super) fn open(size: (u32, u32)) -> anyhow::Result<Self> {
-        let format = wgpu::TextureFormat::Rgba8UnormSrgb;
+        let format = targets::PICTURE;
         let gpu = Gpu::open(&device::instance(), None)?;
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let picture = targets::texture(&gpu, "picture", size, format, 1, usage);

@@ -6,6 +6,11 @@ use super::Gpu;
 pub const COLOUR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 /// Format of depth; reversed, 1 is near.
 pub const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+/// Format of pictures. The shader encodes them as sRGB: Mesa's software driver writes its own sRGB formats by a
+/// processor's estimates of roots, which AMD's and Intel's give differently.
+pub const PICTURE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+/// Formats of windows that are encoded alike.
+pub const PLAIN: [wgpu::TextureFormat; 2] = [wgpu::TextureFormat::Bgra8Unorm, PICTURE];
 /// Samples a pixel.
 pub const SAMPLES: u32 = 4;
 

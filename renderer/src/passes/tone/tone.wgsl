@@ -60,6 +60,12 @@ fn agx(light: vec3f) -> vec3f {
     return saturate(outset * (grey + SATURATION * (punchy - grey)));
 }
 
+// Half a step of 8 bits to either side, so that a slow gradient has no edges: interleaved gradient noise
+// (Jimenez 2014).
+fn dither(pixel: vec2f) -> f32 {
+    return (fract(52.9829189 * fract(dot(floor(pixel), vec2f(0.06711056, 0.00583715)))) - 0.5) / 255.0;
+}
+
 @fragment
 fn fs_main(place: Place) -> @location(0) vec4f {
     let stored = scene_at(place.across);
@@ -67,5 +73,5 @@ fn fs_main(place: Place) -> @location(0) vec4f {
     let mapped = pow(agx(light), vec3f(2.2));
     // A display that is not sRGB by itself gets the curve here.
     let srgb = select(1.055 * pow(mapped, vec3f(1.0 / 2.4)) - 0.055, mapped * 12.92, mapped <= vec3f(0.0031308));
-    return vec4f(select(mapped, srgb, vec3<bool>(ENCODE_SRGB)), 1.0);
+    return vec4f(select(mapped, srgb + dither(place.position.xy), vec3<bool>(ENCODE_SRGB)), 1.0);
 }
