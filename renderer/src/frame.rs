@@ -7,15 +7,18 @@ use common::library::Snapshot;
 use crate::gpu::Gpu;
 use crate::gpu::targets::Targets;
 use crate::gpu::timing::Timing;
+use crate::passes::cull::gpu_data::Slot;
 use crate::passes::cull::{self, Cull, Detail};
+use crate::passes::grass::gpu_data::SimulatedKnot;
 use crate::passes::grass::{Grass, Growth};
 use crate::passes::{ground::Ground, shadow, sky::Sky, tone::Tone, world::World};
 use crate::scene::camera::{Camera, frustum_planes};
-use crate::scene::grassland::{self, field::Field, shapes, shapes::Shapes};
+use crate::scene::grassland::shapes::{self, LEVEL_KNOTS, Shapes};
+use crate::scene::grassland::{self, TILE_BLADES, field::Field};
 use crate::scene::light::Light;
 
 /// The patch is the same everywhere and always.
-const PATCH_SEED: u64 = 0x5EED;
+pub const PATCH_SEED: u64 = 0x5EED;
 /// How long a new library takes to take the place of the one before, seconds.
 pub const SWAP_S: f32 = 1.0;
 
@@ -105,6 +108,7 @@ pub struct Meadow {
     cull_bindings: wgpu::BindGroup,
     grass_bindings: wgpu::BindGroup,
     throws_shadows: bool,
+    slots: Vec<Slot>,
 }
 
 impl Meadow {
@@ -124,6 +128,7 @@ impl Meadow {
             tone: Tone::new(gpu, format),
             swapped: 1.0,
             throws_shadows: true,
+            slots: Vec::new(),
             cull_bindings: cull.bind(gpu, &patch, &now.shares, &before.shares),
             grass_bindings: grass.bind(gpu, &cull, &now, &before),
             cull,
@@ -146,6 +151,7 @@ impl Meadow {
         self.detail = detail;
         if self.cull.capacity != capacity {
             self.cull = Cull::new(gpu, &self.world.layout, capacity);
+            self.cull.set_slots(gpu, &self.slots);
             self.bind(gpu);
         }
     }
@@ -178,6 +184,18 @@ impl Meadow {
     fn grown(&self) -> f32 {
         let [before, now] = [&self.before, &self.now].map(|growth| f32::from(u8::from(growth.grows())));
         before + (now - before) * self.swapped
+    }
+
+    /// Lets the blades of these tiles stand as `knots` says from the next frame on, and all others as the library
+    /// does: of slot s, grid cell c and knot k of the finest level, at `(64 s + c) 16 + k`. A slot whose knots are not
+    /// all there is as if it were not named. At most [`cull::SLOT_CAPACITY`] tiles, no one twice.
+    pub fn simulate(&mut self, gpu: &Gpu, slots: &[Slot], knots: &[SimulatedKnot]) {
+        let of_slot = (TILE_BLADES * LEVEL_KNOTS[0]) as usize;
+        let is_there = |slot: &&Slot| usize::try_from(slot.slot).is_ok_and(|at| at < knots.len() / of_slot);
+        self.slots = slots.iter().filter(is_there).copied().collect();
+        self.cull.set_slots(gpu, &self.slots);
+        self.grass.set_simulated(gpu, knots);
+        self.bind(gpu);
     }
 
     fn bind(&mut self, gpu: &Gpu) {

@@ -112,6 +112,12 @@ impl Grass {
         }
     }
 
+    /// Takes the knots of simulated blades, without wind: those of the blade in grid cell c of slot s begin at
+    /// `(64 s + c) 16`. What was bound before has the former ones.
+    pub fn set_simulated(&mut self, gpu: &Gpu, knots: &[gpu_data::SimulatedKnot]) {
+        self.simulated = upload(gpu, "grass.simulated", BufferUsages::STORAGE, bytemuck::cast_slice(knots));
+    }
+
     /// Binds what `cull` lets through of this library and the one before.
     pub fn bind(&self, gpu: &Gpu, cull: &Cull, now: &Growth, before: &Growth) -> wgpu::BindGroup {
         let buffers = [&cull.lists, &cull.instances, &now.knots, &before.knots, &self.simulated];
