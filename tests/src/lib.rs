@@ -11,6 +11,8 @@ pub mod random;
 pub mod scan;
 pub mod sensors;
 pub mod station;
+pub mod uvc;
+pub mod vm;
 
 use std::path::{Path, PathBuf};
 
