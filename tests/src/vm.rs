@@ -157,6 +157,10 @@ fn pack(disk: &Path, scratch: &TempDir) -> io::Result<()> {
         archive.file(place.to_str().expect("UTF-8"), &entry.path())?;
     }
     archive.file(shipped_recording().to_str().expect("UTF-8"), &shipped_recording())?;
+    // As Debian's rules for OpenNI2, which come after ours, would have it.
+    let debian =
+        "SUBSYSTEM==\"usb\", ATTR{idVendor}==\"1d27\", MODE:=\"0666\", OWNER:=\"root\", GROUP:=\"video\"\n";
+    archive.text("/lib/udev/rules.d/60-libopenni2-0.rules", debian)?;
     archive.text("/etc/passwd", "root:x:0:0::/:/bin/sh\nvisitor:x:1000:1000::/:/bin/sh\n")?;
     let groups = ["root:x:0:", "tty:x:5:", "video:x:44:", "visitor:x:1000:"];
     archive.text("/etc/group", &(groups.join("\n") + "\n"))?;

@@ -50,7 +50,7 @@ pub enum Fault {
     Short(u64),
     /// It is all zero.
     Blank(u64),
-    /// It does not come, nor does any after it.
+    /// It does not come, nor does any after it until the host agrees on a size anew.
     Stall(u64),
     /// The camera is unplugged before it.
     Unplug(u64),
@@ -299,7 +299,8 @@ fn send(shared: &Shared, params: &CameraParams) -> io::Result<()> {
     let every = Duration::from_secs(1) / params.fps;
     let mut due = Instant::now();
     let mut frame: Option<(Vec<u8>, usize)> = None;
-    let mut k = 0;
+    let (mut k, mut has_stalled) = (0, false);
+    let mut fault = params.fault;
     loop {
         let mut known = shared.known();
         while known.buffers.is_empty() && !known.is_unplugged {
@@ -310,12 +311,16 @@ fn send(shared: &Shared, params: &CameraParams) -> io::Result<()> {
         }
         if std::mem::take(&mut known.is_anew) {
             (frame, due) = (None, Instant::now());
+            if has_stalled {
+                fault = None;
+            }
         }
         let size = params.sizes[usize::from(known.size_index.unwrap_or(1)) - 1];
         let Some((bytes, sent)) = &mut frame else {
             drop(known);
-            match params.fault {
+            match fault {
                 Some(Fault::Stall(from)) if k >= from => {
+                    has_stalled = true;
                     std::thread::sleep(every);
                     continue;
                 }
