@@ -10,6 +10,7 @@ use std::sync::Arc;
 use capture_daemon::config::Config;
 use capture_daemon::frame::DepthFrame;
 use capture_daemon::recording;
+use capture_daemon::source::host::SensorSource;
 use capture_daemon::source::{FrameSource, SourceError};
 use common::library::Snapshot;
 use common::sealed::SealedBytes;
@@ -64,7 +65,7 @@ impl Bench for Uvc {
 }
 
 /// Frames in a row, until the source says something else; and that.
-fn frames_until_said(source: &mut impl FrameSource) -> (Vec<DepthFrame>, SourceError) {
+fn frames_until_said(source: &mut dyn FrameSource) -> (Vec<DepthFrame>, SourceError) {
     let mut frames = Vec::new();
     loop {
         match source.next_frame() {
@@ -73,6 +74,15 @@ fn frames_until_said(source: &mut impl FrameSource) -> (Vec<DepthFrame>, SourceE
         }
         assert!(frames.len() < 200, "it goes on");
     }
+}
+
+/// Why a camera that is there is not streamed; the kernel may not have found it yet.
+fn refusal(source: &mut SensorSource) -> String {
+    let said = wait_for(DEADLINE, || {
+        let (_, reason) = until_interrupted(source);
+        (!reason.contains("plugged in")).then_some(reason)
+    });
+    said.expect("it says why")
 }
 
 /// What `devices` lists once udev has named so many of them, run as this user and group.
@@ -140,12 +150,7 @@ in_the_machine! {
 
     fn what_may_be_infrared_is_not_taken_for_depth() {
         let _camera = Camera::plug(CameraParams { pixels: Pixels::Y16, ..CameraParams::default() });
-        let mut source = conformance::source(&settings(), &[]);
-        let said = wait_for(DEADLINE, || {
-            let (_, reason) = until_interrupted(&mut source);
-            (!reason.contains("plugged in")).then_some(reason)
-        });
-        let said = said.expect("it says why");
+        let said = refusal(&mut conformance::source(&settings(), &[]));
         assert!(said.contains("Y16") && said.contains("sensor.format") && said.contains("/dev/video"), "{said}");
     }
 
@@ -191,8 +196,7 @@ in_the_machine! {
         assert_eq!(first_frame(&mut source).width, 160);
         drop(source);
         let mut source = conformance::source(&settings(), &["sensor.size=[400, 300]"]);
-        let (_, _) = until_interrupted(&mut source);
-        let (_, reason) = until_interrupted(&mut source);
+        let reason = refusal(&mut source);
         assert!(reason.contains("320x240 15/s Z16, 160x120 15/s Z16") && reason.contains("[sensor]"), "{reason}");
     }
 
@@ -282,14 +286,7 @@ in_the_machine! {
         camera.unplug();
 
         let _camera = Camera::plug(CameraParams { id: (0x1234, 1), ..params });
-        let missing = |more: &[&str]| {
-            let mut source = conformance::source(&bare, more);
-            let said = wait_for(DEADLINE, || {
-                let (_, reason) = until_interrupted(&mut source);
-                (!reason.contains("plugged in")).then_some(reason)
-            });
-            said.expect("it says what is missing")
-        };
+        let missing = |more: &[&str]| refusal(&mut conformance::source(&bare, more));
         let unit = missing(&[]);
         assert!(unit.contains("sensor.depth_unit_m") && unit.contains("sensor.profile"), "{unit}");
         let camera = missing(&["sensor.depth_unit_m=0.001"]);
@@ -299,7 +296,7 @@ in_the_machine! {
     fn a_blade_before_it_is_captured_as_from_its_recording_bit_for_bit() {
         let path = shipped_recording();
         let mut recorded = recording::open(&path, &Config::default().open_options()).expect("a recording");
-        let (seen, _) = frames_until_said(&mut recorded);
+        let (seen, _) = frames_until_said(&mut *recorded);
         let first = seen[0].clone();
         let every_s = (seen[1].timestamp_ns - first.timestamp_ns) as f64 * 1e-9;
         // Held for so many frames and a half: what jitters by less makes no difference.

@@ -90,7 +90,7 @@ fn refusal(node: &Path, error: &io::Error) -> String {
 #[derive(Default)]
 struct Search {
     passed: BTreeSet<PathBuf>,
-    refused_since: Option<Instant>,
+    closed_since: Option<Instant>,
 }
 
 impl Search {
@@ -102,7 +102,7 @@ impl Search {
         let wanted = order.sensor.device.as_deref();
         let nodes = all_nodes();
         self.passed.retain(|path| nodes.iter().any(|node| node.path == *path));
-        let mut why = None;
+        let (mut closed, mut unfit) = (None, None);
         for node in nodes {
             let is_named = wanted.is_none_or(|wanted| node.is_named(wanted));
             if !is_named || self.passed.contains(&node.path) {
@@ -113,7 +113,7 @@ impl Search {
                 Err(error) => {
                     // It may have gone meanwhile.
                     let is_there = ![Errno::NOENT, Errno::NODEV, Errno::NXIO].contains(&errno(&error));
-                    why = why.or_else(|| is_there.then(|| refusal(&node.path, &error)));
+                    closed = closed.or_else(|| is_there.then(|| refusal(&node.path, &error)));
                     continue;
                 }
             };
@@ -122,15 +122,18 @@ impl Search {
                 Ok(plan) => return Ok(Some((node, camera, plan))),
                 // Some other camera, or another node of this one.
                 Err(_) if modes.is_empty() => _ = self.passed.insert(node.path),
-                Err(reason) => why = Some(format!("{}: {reason}", node.path.display())),
+                Err(reason) => unfit = unfit.or_else(|| Some(format!("{}: {reason}", node.path.display()))),
             }
         }
-        let Some(why) = why else {
-            self.refused_since = None;
+        if let Some(reason) = unfit {
+            return Err(reason);
+        }
+        let Some(reason) = closed else {
+            self.closed_since = None;
             return Ok(None);
         };
-        let since = *self.refused_since.get_or_insert_with(Instant::now);
-        if since.elapsed() < UDEV_PATIENCE { Ok(None) } else { Err(why) }
+        let since = *self.closed_since.get_or_insert_with(Instant::now);
+        if since.elapsed() < UDEV_PATIENCE { Ok(None) } else { Err(reason) }
     }
 }
 
