@@ -171,10 +171,13 @@ in_the_machine! {
     }
 
     fn a_frame_that_is_torn_or_blank_is_skipped_and_said() {
-        for (fault, words) in [
-            (Fault::Short(4), "a frame of 76800 bytes, expected 153600 for 320x240 Z16"),
-            (Fault::Blank(4), "without a single reading"),
+        // Torn frames are left out by this driver, unless it is told to hand them on: then their size tells.
+        const HANDS_ON: &str = "/sys/module/uvcvideo/parameters/nodrop";
+        for (hands_on, fault, words) in [
+            ("1", Fault::Short(4), "a frame of 76799 bytes, expected 153600 for 320x240 Z16"),
+            ("0", Fault::Blank(4), "without a single reading"),
         ] {
+            fs::write(HANDS_ON, hands_on).expect("the driver takes it");
             let camera = Camera::plug(CameraParams { fault: Some(fault), ..CameraParams::default() });
             let mut source = conformance::source(&settings(), &[]);
             first_frame(&mut source);
@@ -187,6 +190,18 @@ in_the_machine! {
             drop(source);
             camera.unplug();
         }
+    }
+
+    fn a_torn_frame_that_the_driver_leaves_out_is_lost() {
+        let fault = Some(Fault::Short(4));
+        let _camera = Camera::plug(CameraParams { fault, ..CameraParams::default() });
+        let mut source = conformance::source(&settings(), &[]);
+        let mut numbers = vec![number(&first_frame(&mut source))];
+        numbers.extend(frames(&mut source, 8).iter().map(number));
+        assert!(!numbers.contains(&4) && numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
+        let lost = u64::from(numbers[8] - numbers[0]) - 8;
+        let fares = source.health().expect("it is live").now();
+        assert_eq!((fares.lost_frames, lost > 0), (lost, true), "{numbers:?}");
     }
 
     fn a_size_that_it_has_not_is_refused_with_those_that_it_has() {

@@ -8,6 +8,7 @@ pub mod openni2;
 pub mod pixels;
 pub mod profile;
 pub mod synthetic;
+#[cfg_attr(not(feature = "v4l2"), expect(dead_code, reason = "V4L2 alone wants all of it"))]
 mod usb;
 #[cfg(feature = "v4l2")]
 mod v4l2;

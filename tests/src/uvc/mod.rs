@@ -10,6 +10,7 @@ use std::io;
 use std::net::Shutdown;
 use std::os::fd::AsRawFd;
 use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -190,10 +191,12 @@ impl Drop for Camera {
             let _ = thread.join();
         }
         let port = format!("{:04}", self.port);
+        let device = PathBuf::from(format!("/sys/bus/usb/devices/1-{}", self.port + 1));
         wait_for(PATIENCE, || {
             let status = fs::read_to_string(format!("{HUB}/status")).unwrap_or_default();
             let mut lines = status.lines().map(|line| line.split_ascii_whitespace().collect::<Vec<_>>());
-            lines.any(|words| words.get(1) == Some(&&*port) && words.get(2) == Some(&IS_FREE)).then_some(())
+            let is_free = lines.any(|words| words.get(1) == Some(&&*port) && words.get(2) == Some(&IS_FREE));
+            (is_free && !device.exists()).then_some(())
         });
     }
 }

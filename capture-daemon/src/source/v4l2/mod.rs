@@ -212,9 +212,10 @@ fn description(node: &Node, plan: &Plan) -> String {
     let (vendor, model) = node.vendor_and_model();
     let serial = node.usb.as_ref().and_then(|usb| usb.serial.as_ref());
     let serial = serial.map_or_else(String::new, |serial| format!(" {serial}"));
+    let named = format!("{vendor} {model}{serial}");
     let unit_mm = plan.unit_m() * 1e3;
     let kind = plan
         .approximate
         .map_or_else(String::new, |profile| format!(", camera about that of {}", profile.name));
-    format!("{}{serial}, {} {unit_mm} mm{kind}", format!("{vendor} {model}").trim(), plan.mode)
+    format!("{}, {} {unit_mm} mm{kind}", named.trim(), plan.mode)
 }
