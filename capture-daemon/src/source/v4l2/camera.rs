@@ -1,7 +1,7 @@
 //! A camera's node, through the crate `v4l`.
 //!
-//! The crate's handles panic when they are dropped and the kernel refuses to end a stream, so they are not dropped: the
-//! sensor process ends, and the kernel takes all back. Its `next` queues a buffer again that a time-out left queued; no
+//! The crate's stream panics when it is dropped and the kernel refuses to end it, so it is not dropped: the sensor process
+//! ends, and the kernel takes all back. Its `next` queues a buffer again that a time-out left queued; no
 //! time-out is set here, since whoever waits for this process has one, and any error ends the stream. Its `set_format`
 //! carries over what `format` said of the rows of another size; a new `Format` is made each time. What it makes of a node's
 //! capabilities panics on names that are no UTF-8; nothing is asked of them.
@@ -29,7 +29,7 @@ const BUFFERS: u32 = 4;
 const USUAL: [usize; 2] = [640, 480];
 
 /// An open node.
-pub(super) struct Camera(ManuallyDrop<Device>);
+pub(super) struct Camera(Device);
 
 /// A camera that streams.
 pub(super) struct Frames {
@@ -54,7 +54,7 @@ pub(super) struct Raw<'a> {
 impl Camera {
     /// Opens a node.
     pub(super) fn open(path: &Path) -> io::Result<Self> {
-        Device::with_path(path).map(|device| Self(ManuallyDrop::new(device)))
+        Device::with_path(path).map(Self)
     }
 
     /// Its modes that may be depth; none of a node of something else.

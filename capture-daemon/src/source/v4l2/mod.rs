@@ -152,7 +152,7 @@ pub(super) fn stream(order: &Order, link: &mut Link) -> Result<Result<(), Closed
             break found;
         }
         let which = order.sensor.device.as_ref().map_or_else(String::new, |device| format!(" {device}"));
-        if link.missing(&format!("no V4L2 sensor{which} is plugged in")).is_err() {
+        if link.missing(&format!("no V4L2 sensor{which} that gives depth is plugged in")).is_err() {
             return Ok(Err(Closed));
         }
         std::thread::sleep(TICK);
