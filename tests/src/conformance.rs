@@ -99,7 +99,7 @@ pub fn holds(bench: &mut impl Bench) {
     for pair in all.windows(2) {
         assert!(number(pair[0]) < number(pair[1]), "frames come in order, each once");
         let seconds = (pair[1].timestamp_ns - pair[0].timestamp_ns) as f64 * 1e-9;
-        assert!((1e-3..1.0).contains(&seconds), "{seconds} s from one to the next");
+        assert!((1e-3..10.0).contains(&seconds), "{seconds} s from one to the next");
     }
     let camera = first.camera;
     assert_eq!((first.width, first.height, first.depth_unit_m), (320, 240, 0.001));

@@ -336,8 +336,8 @@ fn send(shared: &Shared, params: &CameraParams) -> io::Result<()> {
             frame = Some((payload(k, size, params), 0));
             k += 1;
             std::thread::sleep(due.saturating_duration_since(Instant::now()));
-            // Frames that nobody asked for in time do not come all at once later.
-            due = due.max(Instant::now()) + every;
+            // On a grid, so that a late one does not make all after it late; after a long silence not all at once.
+            due = due.max(Instant::now().checked_sub(10 * every).unwrap_or(due)) + every;
             continue;
         };
         let (number, room) = known.buffers.pop_front().expect("it is not empty");
