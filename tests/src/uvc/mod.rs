@@ -4,7 +4,7 @@
 mod descriptors;
 mod usbip;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::fs;
 use std::io;
 use std::net::Shutdown;
@@ -102,6 +102,10 @@ impl Default for CameraParams {
 struct Known {
     /// Buffers of the host, by number and size, that wait for bytes of frames.
     buffers: VecDeque<(u32, usize)>,
+    /// The newest transfer that came.
+    newest: u32,
+    /// Transfers that were taken back before they came: the kernel may send the two the wrong way round.
+    early: BTreeSet<u32>,
     /// The size that was agreed on, from 1; `None` before that.
     size_index: Option<u8>,
     /// Another agreement was made: the frame that was under way is not ended.
@@ -208,24 +212,32 @@ fn answer(shared: &Shared, params: &CameraParams, mut reader: Wire) -> io::Resul
     loop {
         match reader.read()? {
             Request::Frames { number, room } => {
-                shared.known().buffers.push_back((number, room));
-                shared.changed.notify_all();
+                let mut known = shared.known();
+                known.newest = number;
+                if !known.early.remove(&number) {
+                    known.buffers.push_back((number, room));
+                    shared.changed.notify_all();
+                }
             }
             Request::TakeBack { number, of } => {
                 let mut known = shared.known();
                 let place = known.buffers.iter().position(|(number, _)| *number == of);
                 if let Some(place) = place {
                     known.buffers.remove(place);
+                } else if of > known.newest {
+                    known.early.insert(of);
                 }
                 shared.wire().taken_back(number, place.is_some())?;
             }
             Request::Control { number, setup, room: Some(room), .. } => {
+                shared.known().newest = number;
                 match said(setup, size_index, params) {
                     Some(bytes) => shared.wire().give(number, &bytes[..bytes.len().min(room)])?,
                     None => shared.wire().refuse(number)?,
                 }
             }
             Request::Control { number, setup, room: None, data } => {
+                shared.known().newest = number;
                 if !hear(setup, &data, &mut size_index, shared, params) {
                     shared.wire().refuse(number)?;
                     continue;
