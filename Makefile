@@ -6,7 +6,7 @@ ONLY ?=
 PUBLISHES ?= 100000
 KILLS ?= 1000
 
-.PHONY: help demo test bench figures soak fuzz recordings goldens pictures
+.PHONY: help demo test bench figures soak fuzz vm-test recordings goldens pictures
 
 help:
 	@echo 'make demo   grow a meadow from a shipped recording: in a window, else in picture files (demo-out/)'
@@ -14,6 +14,7 @@ help:
 	@echo 'make test   every check and every test'
 	@echo 'make fuzz   recordings, configurations, previews and depth that nobody would make, SECONDS=60 of each kind;'
 	@echo '            START=case goes on behind the cases that were run before'
+	@echo 'make vm-test   cameras that the kernel reads: in a small emulated machine, also part of make test'
 	@echo 'make recordings   the shipped recordings anew, with their truth and checksums'
 	@echo 'make pictures   the pictures of renderer/docs anew (minutes)'
 	@echo 'make goldens   the pictures that the tests of the renderer expect, anew; look at them before they are kept'
@@ -30,6 +31,9 @@ test:
 
 fuzz:
 	@.ci/fuzz $(SECONDS) $(START)
+
+vm-test:
+	@.ci/vm
 
 bench:
 	@.ci/bench

@@ -38,6 +38,11 @@ need() {
 
 has_library() { /sbin/ldconfig -p | grep -F "$1"; }
 has_file() { [ -e "$1" ]; }
+# Not libclang-cpp, which is another library, and with clang's own headers.
+has_libclang() {
+  { compgen -G '/usr/lib/llvm-*/lib/libclang.so*' || [ -n "${LIBCLANG_PATH:-}" ] || has_library libclang.so; } &&
+    { compgen -G '/usr/lib/llvm-*/lib/clang/*/include/stddef.h' || compgen -G '/usr/lib*/clang/*/include/stddef.h'; }
+}
 has_vulkan_driver() {
   [ -n "${VK_ICD_FILENAMES:-}${VK_DRIVER_FILES:-}" ] || compgen -G '/usr/share/vulkan/icd.d/*.json' ||
     compgen -G '/etc/vulkan/icd.d/*.json'
@@ -99,6 +104,7 @@ need_build_tools() {
   need gcc "to build the C parts of the crates (zstd, lz4) and to link" command -v cc
   need g++ "to build the measure by which tests and bench compare pictures (FLIP)" command -v c++
   need libc6-dev "the C library's headers and start files" has_file /usr/include/stdlib.h
+  need libclang-dev "to make bindings of the kernel's interface for cameras" has_libclang
   if ! find_rust; then
     [ -n "$(command -v rustc)" ] && say "$(rustc --version 2>/dev/null) is here, $rust_needed is needed"
     command -v apt-get >/dev/null ||
@@ -129,7 +135,56 @@ need_wayland() {
 need_openni2() {
   need libopenni2-0 "OpenNI2, which plays .oni recordings and reads its sensors" has_library libOpenNI2.so.0
   need libopenni2-dev "its headers, to compare the bindings with" has_file /usr/include/openni2/OniCAPI.h
-  need libclang-14-dev "to make the bindings anew" compgen -G '/usr/lib/llvm-*/lib/libclang*.so*'
+}
+
+# A small machine for the tests, with a kernel of its own: emulated, where there is no other.
+need_vm() {
+  need qemu-system-x86 "to boot a small machine, whose kernel reads an emulated camera" command -v qemu-system-x86_64
+  need busybox-static "the tools of that machine" has_file /bin/busybox
+  need udev "which names cameras there, and gives them to a group" has_file /bin/udevadm
+  need binutils "to make programs small for it" command -v strip
+  need xz-utils "to unpack its kernel" command -v xz
+}
+
+# Its kernel, Debian's, in target/vm: downloaded and unpacked, never installed.
+make_vm_kernel() {
+  local folder=$PWD/target/vm package work image offset
+  [ -e "$folder/vmlinux" ] && return
+  if [ "$(uname -m)" != x86_64 ] || ! command -v apt-get >/dev/null; then
+    say "no kernel for the small machine: only Debian's for amd64 is known here"
+    return 1
+  fi
+  newest() { apt-cache depends linux-image-amd64 2>/dev/null | awk '$1 == "Depends:" && $2 ~ /^linux-image-[0-9]/ { print $2; exit }'; }
+  package=$(newest)
+  if [ -z "$package" ]; then
+    as_root apt-get -qq update >&2
+    package=$(newest)
+  fi
+  say "unpacking the kernel of ${package:-linux-image-amd64} to target/vm (70 MB to download, nothing is installed)"
+  work=$(mktemp -d)
+  # apt fetches as a user of its own, who is to write here.
+  chmod 755 "$work"
+  [ "$(id -u)" = 0 ] && id _apt >/dev/null 2>&1 && chown _apt "$work"
+  if ! (cd "$work" && apt-get -qq download "$package" >&2 && dpkg-deb --fsys-tarfile "$package"_*.deb >tar &&
+    tar -xf tar --wildcards './boot/vmlinuz-*' './lib/modules/*/kernel/drivers/media/*' './lib/modules/*/kernel/drivers/usb/*'); then
+    rm -rf "$work"
+    return 1
+  fi
+  # The kernel without what unpacks it, which an emulated processor takes seconds for: an xz stream within it.
+  image=$(compgen -G "$work/boot/vmlinuz-*")
+  offset=$(LC_ALL=C grep -obUaP '\xfd7zXZ\x00' "$image" | head -n 1 | cut -d: -f1)
+  rm -rf "$folder"
+  mkdir -p "$folder/modules"
+  # What follows the stream is not of it, and xz says so.
+  tail -c "+$((offset + 1))" "$image" | xz -dc --single-stream >"$work/vmlinux" 2>/dev/null
+  find "$work/lib/modules" -name '*.ko' -exec cp -t "$folder/modules" {} +
+  if [ "$(head -c 4 "$work/vmlinux" | tail -c 3)" != ELF ]; then
+    say "the kernel of $package is packed in a way that is not known here"
+    rm -rf "$work"
+    return 1
+  fi
+  mv "$work/vmlinux" "$folder/vmlinux"
+  rm -rf "$work"
 }
 
 need_lints() {

@@ -63,10 +63,11 @@ pub enum Verb {
     Info(InfoArgs),
     /// List the sensors that are plugged in, with their modes
     ///
-    /// What `sensor.device` may say: the serial number, the URI, or the port, which stands in the URI behind the @.
+    /// Those of OpenNI2 and of V4L2. What `sensor.device` may say: the serial number, the URI, any of the names, or the port,
+    /// which stands in the URI of OpenNI2 behind the @.
     ///
-    /// Exit code 0: done, also when there is none; 2: bad arguments or configuration; 4: OpenNI2 is not there, or
-    /// refuses.
+    /// Exit code 0: done, also when there is none, or one of the two is not there, which is warned of; 2: bad arguments
+    /// or configuration; 4: the driver that `sensor.driver` names is not there, or refuses.
     ///
     /// Example: sward-capture devices --json
     Devices(DevicesArgs),

@@ -1,5 +1,6 @@
 //! What the cross-crate tests share: the programs and how to run them, and reading source as text.
 
+pub mod conformance;
 pub mod daemon;
 pub mod log;
 pub mod oni;
@@ -11,6 +12,8 @@ pub mod random;
 pub mod scan;
 pub mod sensors;
 pub mod station;
+pub mod uvc;
+pub mod vm;
 
 use std::path::{Path, PathBuf};
 

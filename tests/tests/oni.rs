@@ -175,9 +175,14 @@ fn the_library_that_is_absent_is_named_with_what_to_do() {
         assert!(said.contains("/nowhere/libOpenNI2.so.0") && said.contains("libopenni2-0"), "{said}");
         assert_eq!(said.lines().count(), 1, "{said}");
     }
-    let finished = Program::Capture.run(["devices", "--set", library]);
-    assert_eq!(finished.code, Some(4), "{finished:?}");
-    assert!(finished.stderr.contains("sensor.openni2_library"), "{finished:?}");
+    // It is an error where it is wanted, and else what can be said without it is.
+    let wanted = "sensor.driver=\"openni2\"";
+    for (sets, code) in [(&["--set", library][..], 0), (&["--set", library, "--set", wanted], 4)] {
+        let finished = Program::Capture.run([&["devices", "--json"], sets].concat());
+        assert_eq!(finished.code, Some(code), "{finished:?}");
+        assert!(finished.stderr.contains("sensor.openni2_library"), "{finished:?}");
+        assert_eq!(finished.stdout.is_empty(), code != 0, "{finished:?}");
+    }
 }
 
 #[test]

@@ -2,15 +2,14 @@
 //! plugged in again as another, silent, hung, crashed? With a driver of our own in the real libOpenNI2.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use capture_daemon::config::{self, Config};
-use capture_daemon::frame::DepthFrame;
+use capture_daemon::source::FrameSource;
 use capture_daemon::source::host::SensorSource;
-use capture_daemon::source::{FrameSource, SourceError};
 use capture_daemon::synth::{Clip, ClipParams, Family, Scene};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use tests::conformance::{self, Bench, first_frame, frames, number, until_interrupted};
 use tests::daemon::Daemon;
 use tests::oni::{OniParams, OniWriter};
 use tests::openni2;
@@ -26,55 +25,9 @@ fn settings(sensors: &Sensors) -> Vec<(&'static str, String)> {
     ]
 }
 
-fn config(sensors: &Sensors, more: &[&str]) -> Config {
-    let mut sets: Vec<String> =
-        settings(sensors).iter().map(|(key, value)| format!("{key}={value}")).collect();
-    sets.extend(more.iter().map(|set| (*set).to_owned()));
-    config::load(None, &sets).expect("valid")
-}
-
 /// A source on these sensors, each in a process of its own.
 fn source(sensors: &Sensors, more: &[&str]) -> SensorSource {
-    SensorSource::new(&config(sensors, more), Some(&Program::Capture.path()))
-}
-
-/// So many frames in a row.
-fn frames(source: &mut SensorSource, count: usize) -> Vec<DepthFrame> {
-    let frame = |source: &mut SensorSource| source.next_frame().unwrap_or_else(|error| panic!("{error}"));
-    (0..count).map(|_| frame(source)).collect()
-}
-
-/// Frames until there are none, and why.
-fn until_interrupted(source: &mut SensorSource) -> (usize, String) {
-    let start = Instant::now();
-    let mut count = 0;
-    while start.elapsed() < DEADLINE {
-        match source.next_frame() {
-            Ok(_) => count += 1,
-            Err(SourceError::Interrupted(reason)) => return (count, reason),
-            Err(error) => panic!("{error}"),
-        }
-    }
-    panic!("it goes on: {count} frames");
-}
-
-/// The first frame that comes, whatever is said before.
-fn first_frame(source: &mut SensorSource) -> DepthFrame {
-    let start = Instant::now();
-    while start.elapsed() < DEADLINE {
-        match source.next_frame() {
-            Ok(frame) => return frame,
-            Err(SourceError::Interrupted(_)) => {}
-            Err(error) => panic!("{error}"),
-        }
-    }
-    panic!("no frame comes");
-}
-
-/// Which frame of the sensor this is.
-fn number(frame: &DepthFrame) -> u32 {
-    let is_it = |k: &u32| picture(*k, frame.width, frame.height) == frame.depth;
-    (0..300).find(is_it).expect("a frame of the sensor, pixel for pixel")
+    conformance::source(&settings(sensors), more)
 }
 
 #[test]
@@ -143,24 +96,27 @@ fn the_mode_is_chosen_by_size_rate_and_unit() {
     assert!(reason.contains("640x480 30/s 1 mm") && reason.contains("[sensor]"), "{reason}");
 }
 
+/// Where they are plugged in.
+struct OpenNi2(Sensors);
+
+impl Bench for OpenNi2 {
+    fn settings(&self) -> Vec<(&'static str, String)> {
+        settings(&self.0)
+    }
+
+    fn plug(&mut self, [width, height]: [usize; 2]) {
+        self.0.plug("1-2", &format!("width={width} height={height}"));
+    }
+
+    fn unplug(&mut self) {
+        self.0.unplug("1-2");
+    }
+}
+
 #[test]
-fn unplugged_and_plugged_in_again_as_another_it_goes_on() {
+fn it_does_what_every_sensor_does() {
     let Some(sensors) = Sensors::new() else { return };
-    let mut source = source(&sensors, &[]);
-    let (_, reason) = until_interrupted(&mut source);
-    assert!(reason.contains("no OpenNI2 sensor is plugged in"), "{reason}");
-    sensors.plug("1-2", "width=320 height=240");
-    assert_eq!(first_frame(&mut source).width, 320);
-    sensors.unplug("1-2");
-    let (_, reason) = until_interrupted(&mut source);
-    assert!(reason.contains("unplugged"), "{reason}");
-    let (count, reason) = until_interrupted(&mut source);
-    assert!(count == 0 && reason.contains("no OpenNI2 sensor is plugged in"), "{reason}");
-    sensors.plug("4-1", "width=160 height=120 unit=101");
-    let frame = first_frame(&mut source);
-    assert_eq!((frame.width, frame.depth_unit_m), (160, 0.0001));
-    let fares = source.health().expect("it is live").now();
-    assert!(fares.starts >= 2 && fares.failures == 1 && fares.trouble.is_none(), "{fares:?}");
+    conformance::holds(&mut OpenNi2(sensors));
 }
 
 #[test]

@@ -16,6 +16,7 @@ use crate::frame::{CameraModel, CameraPose};
 use crate::pipeline::PipelineParams;
 use crate::recording::{Distortion, DistortionError, GivenCamera, OpenOptions};
 use crate::session::SessionParams;
+use crate::source::pixels::PixelFormat;
 use crate::stages::blade::AcceptParams;
 use crate::stages::mask::MaskParams;
 use crate::station::StationParams;
@@ -74,7 +75,8 @@ impl Default for SourceConfig {
 pub struct SensorConfig {
     /// What reads it; none where frames come from a recording.
     pub driver: Option<SensorDriver>,
-    /// Which one: a serial number, a URI, a port, or the path of an `.oni` file that stands in for one.
+    /// Which one: a serial number, a URI, a node, a link to one, a port, or the path of an `.oni` file that stands in for
+    /// one.
     pub device: Option<String>,
     /// Columns and rows.
     pub size: Option<[usize; 2]>,
@@ -82,6 +84,10 @@ pub struct SensorConfig {
     pub fps: Option<u32>,
     /// Metres of one count.
     pub depth_unit_m: Option<f64>,
+    /// V4L2's pixels.
+    pub format: Option<PixelFormat>,
+    /// The kind of sensor, by the name of its profile.
+    pub profile: Option<String>,
     /// Whether left and right are exchanged.
     pub mirror: bool,
     /// How long it may give no frame, seconds.
@@ -98,6 +104,8 @@ impl Default for SensorConfig {
             size: None,
             fps: None,
             depth_unit_m: None,
+            format: None,
+            profile: None,
             mirror: false,
             deadline_s: 5.0,
             openni2_library: PathBuf::from("libOpenNI2.so.0"),
@@ -111,6 +119,8 @@ impl Default for SensorConfig {
 pub enum SensorDriver {
     /// OpenNI2.
     OpenNi2,
+    /// The kernel.
+    V4l2,
 }
 
 impl SensorDriver {
@@ -118,6 +128,7 @@ impl SensorDriver {
     pub fn name(self) -> &'static str {
         match self {
             Self::OpenNi2 => "OpenNI2",
+            Self::V4l2 => "V4L2",
         }
     }
 }

@@ -5,6 +5,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 
 use super::Config;
+use crate::source::profile::Profile;
 
 /// Longest path of a socket, bytes: the system has no room for more.
 const MAX_SOCKET_BYTES: usize = 107;
@@ -43,14 +44,15 @@ pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
         || Some(("sensor.driver", "no source.recording beside it: frames come from one of them".to_owned()));
     let size = || Some(("sensor.size", "[columns, rows] of 1 to 1280 and 1 to 1024 pixels".to_owned()));
     let bad_size = sensor.size.is_some_and(|[w, h]| !(1..=1280).contains(&w) || !(1..=1024).contains(&h));
-    let unit = sensor.depth_unit_m.is_some_and(|unit| unit != 0.001 && unit != 0.0001);
-    let units = || Some(("sensor.depth_unit_m", "0.001 or 0.0001".to_owned()));
+    let no_profile = sensor.profile.as_deref().is_some_and(|name| Profile::named(name).is_none());
+    let profiles = || Some(("sensor.profile", format!("one of {}", Profile::names())));
     let library = || Some(("sensor.openni2_library", "the name or path of a library".to_owned()));
     within("source.rate", source.rate, 0.0..=1000.0)
         .or_else(|| is_both.then(both).flatten())
         .or_else(|| bad_size.then(size).flatten())
         .or_else(|| sensor.fps.and_then(|fps| within("sensor.fps", fps.into(), 1.0..=1000.0)))
-        .or_else(|| unit.then(units).flatten())
+        .or_else(|| sensor.depth_unit_m.and_then(|unit| within("sensor.depth_unit_m", unit, 0.000_01..=0.01)))
+        .or_else(|| no_profile.then(profiles).flatten())
         .or_else(|| within("sensor.deadline_s", sensor.deadline_s, 0.1..=600.0))
         .or_else(|| is_none(&sensor.openni2_library).then(library).flatten())
         .or_else(|| no_directory.then(directory).flatten())

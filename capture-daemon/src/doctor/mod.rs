@@ -184,6 +184,7 @@ fn examine(args: &DoctorArgs) -> Vec<Finding> {
     all.push(machine::clock(now, newest_ns));
     all.extend(systemd::units(Path::new("systemctl"), Path::new("/run/systemd/system"), DEADLINE));
     all.extend(sensors::video(Path::new("/dev")));
+    all.extend(sensors::usb(Path::new("/sys")));
     all.push(sensors::openni2(&sensors::library_folders()));
     all
 }

@@ -1,13 +1,13 @@
-//! Sensors that are plugged in. This version takes frames from recordings alone: it is said what is there.
+//! Sensors that are plugged in, and whether they may be opened.
 
 use std::fs;
 use std::io::Read;
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{Access, access};
-
 use super::Finding;
+use crate::source::access;
+use crate::source::profile::Profile;
 
 /// Whether the video devices below `dev` may be opened.
 pub(super) fn video(dev: &Path) -> Vec<Finding> {
@@ -28,21 +28,38 @@ pub(super) fn video(dev: &Path) -> Vec<Finding> {
             let remedy = "remove it, and see whether udev runs";
             return Finding::trouble(CHECK, path.display(), "it is no device", "a camera's device", remedy);
         }
-        match access(path, Access::READ_OK | Access::WRITE_OK) {
-            Ok(()) => {
-                let found = "it may be opened; this version reads sensors of OpenNI2 only";
-                Finding::ok(CHECK, path.display(), found)
-            }
-            Err(error) => Finding::trouble(
-                CHECK,
-                path.display(),
-                format!("this user may not open it: {error}"),
-                "the right to read and write it",
-                "add the user to the group video and log in anew; the unit's user sward is in it",
-            ),
-        }
+        let may = "it may be opened; sward-capture devices says whether it gives depth";
+        opened(CHECK, path.display().to_string(), path, may)
     };
     nodes.iter().map(of_node).collect()
+}
+
+/// Whether a node may be opened, which is `found` then.
+fn opened(check: &'static str, place: String, node: &Path, found: &str) -> Finding {
+    match access::trouble(node) {
+        None => Finding::ok(check, place, found),
+        Some((found, remedy)) => {
+            Finding::trouble(check, place, found, "the right to read and write it", remedy)
+        }
+    }
+}
+
+/// Whether the sensors of known kinds may be opened by their USB nodes, by which OpenNI2 reads some of them; `sys` being
+/// `/sys`.
+pub(super) fn usb(sys: &Path) -> Vec<Finding> {
+    const CHECK: &str = "sensors.usb";
+    let sensors = access::known_sensors(sys);
+    let of_sensor = |(profile, node): &(&Profile, PathBuf)| {
+        let place = format!("{} at {}", profile.name, node.display());
+        opened(CHECK, place, node, "it may be opened")
+    };
+    // The kernel reads the others, by nodes that are checked above.
+    let mut sensors = sensors.iter().filter(|(profile, _)| profile.is_read_by_openni2).peekable();
+    if sensors.peek().is_none() {
+        let place = sys.join("bus/usb/devices");
+        return vec![Finding::skipped(CHECK, place.display(), "no sensor of OpenNI2 is plugged in")];
+    }
+    sensors.map(of_sensor).collect()
 }
 
 /// Where a library may lie.

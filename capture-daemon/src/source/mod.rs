@@ -1,8 +1,17 @@
 //! Where frames come from. Replay and hardware differ in this trait alone.
 
+pub(crate) mod access;
+mod clock;
 pub mod host;
+pub mod listed;
 pub mod openni2;
+pub mod pixels;
+pub mod profile;
 pub mod synthetic;
+#[cfg_attr(not(feature = "v4l2"), expect(dead_code, reason = "V4L2 alone wants all of it"))]
+mod usb;
+#[cfg(feature = "v4l2")]
+mod v4l2;
 
 use std::sync::Arc;
 

@@ -3,6 +3,7 @@
 use std::io::{self, IoSlice};
 use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, OwnedFd};
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use rustix::cmsg_space;
@@ -13,11 +14,17 @@ use rustix::process::{Signal, set_parent_process_death_signal};
 
 use super::message::Message;
 use super::{Order, Task};
+use crate::config::SensorDriver;
 use crate::frame::DepthFrame;
+use crate::source::listed::Listed;
 use crate::source::openni2;
+#[cfg(feature = "v4l2")]
+use crate::source::v4l2;
 
 /// Bytes of packets that may wait for the daemon: a few frames, of which each packet only names the memory.
 const SEND_BUFFER: usize = 8 << 10;
+/// How often the daemon hears that a sensor is waited for.
+const SAY_MISSING_EVERY: Duration = Duration::from_millis(500);
 
 /// Nobody listens any more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,12 +37,22 @@ pub(crate) struct Link {
     /// A frame that finds the way full is lost, rather than held up.
     is_live: bool,
     lost: u64,
+    said_missing: Option<Instant>,
 }
 
 impl Link {
     /// Says something, and waits until there is room for it.
     pub(crate) fn say(&mut self, message: &Message) -> Result<(), Closed> {
         self.send(message, SendFlags::empty()).map(|_| ())
+    }
+
+    /// Says that a sensor is waited for, if that was not said a moment ago.
+    pub(crate) fn missing(&mut self, reason: &str) -> Result<(), Closed> {
+        if self.said_missing.is_some_and(|said| said.elapsed() < SAY_MISSING_EVERY) {
+            return Ok(());
+        }
+        self.said_missing = Some(Instant::now());
+        self.say(&Message::Missing(reason.to_owned()))
     }
 
     /// Sends a frame: where it is live and the way is full, the frame is counted as lost.
@@ -88,13 +105,13 @@ pub fn work(order: &str) -> anyhow::Result<()> {
     let socket = io::stdin().as_fd().try_clone_to_owned().context("there is no socket")?;
     set_socket_send_buffer_size(&socket, SEND_BUFFER)
         .context("standard input is no socket; only the station starts this")?;
-    let mut link = Link { socket, is_live: order.task == Task::Stream, lost: 0 };
+    let mut link = Link { socket, is_live: order.task == Task::Stream, lost: 0, said_missing: None };
     let done = match &order.task {
-        Task::List => openni2::list(&order.sensor.openni2_library).and_then(|devices| {
+        Task::List => list(&order).and_then(|devices| {
             let list = serde_json::to_string(&devices).map_err(|error| error.to_string())?;
             Ok(link.say(&Message::Devices(list)))
         }),
-        Task::Stream => openni2::stream(&order, &mut link),
+        Task::Stream => stream(&order, &mut link),
         Task::Play { path, frames } => openni2::play(path, *frames, &order, &mut link),
     };
     if let Err(reason) = done {
@@ -102,4 +119,29 @@ pub fn work(order: &str) -> anyhow::Result<()> {
         let _ = link.say(&Message::Failed(reason));
     }
     Ok(())
+}
+
+/// What a program says that was built without V4L2.
+#[cfg(not(feature = "v4l2"))]
+const WITHOUT_V4L2: &str =
+    "this program was built without V4L2; build it with the feature v4l2, which is on by default";
+
+fn list(order: &Order) -> Result<Vec<Listed>, String> {
+    match order.sensor.driver {
+        #[cfg(feature = "v4l2")]
+        Some(SensorDriver::V4l2) => Ok(v4l2::list(&order.sensor)),
+        #[cfg(not(feature = "v4l2"))]
+        Some(SensorDriver::V4l2) => Err(WITHOUT_V4L2.to_owned()),
+        _ => openni2::list(&order.sensor.openni2_library),
+    }
+}
+
+fn stream(order: &Order, link: &mut Link) -> Result<Result<(), Closed>, String> {
+    match order.sensor.driver {
+        #[cfg(feature = "v4l2")]
+        Some(SensorDriver::V4l2) => v4l2::stream(order, link),
+        #[cfg(not(feature = "v4l2"))]
+        Some(SensorDriver::V4l2) => Err(WITHOUT_V4L2.to_owned()),
+        _ => openni2::stream(order, link),
+    }
 }

@@ -4,25 +4,24 @@ mod handles;
 
 use std::fmt;
 use std::path::Path;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-
-use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 use self::handles::{Context, Device, Frame, Stream};
+use super::access;
+use super::clock::{SensorClock, unix_ns};
 use super::host::{Closed, Link, Message, Order};
+use super::listed::{Listed, ListedMode};
 use crate::config::SensorConfig;
 use crate::frame::{CameraModel, DepthFrame};
 use crate::recording::START_NS;
 
 /// How often it is looked whether a device is still there, and whether one came.
 const TICK: Duration = Duration::from_millis(100);
-/// How often the daemon hears that a sensor is waited for.
-const SAY_MISSING_EVERY: Duration = Duration::from_millis(500);
 /// Speed of a file device at which each frame is given as it is read.
 const AS_READ: f32 = -1.0;
 
 /// A mode of a sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// Columns.
     pub width: usize,
@@ -34,32 +33,21 @@ pub struct Mode {
     pub depth_unit_m: f64,
 }
 
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let unit_mm = self.depth_unit_m * 1e3;
-        write!(f, "{}x{} {}/s {unit_mm} mm", self.width, self.height, self.fps)
+impl From<Mode> for ListedMode {
+    fn from(Mode { width, height, fps, depth_unit_m }: Mode) -> Self {
+        Self { width, height, fps: Some(fps), format: None, depth_unit_m: Some(depth_unit_m) }
     }
 }
 
-/// A device, as `sward-capture devices` lists it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Listed {
-    /// The driver that reads it: `openni2`.
-    pub driver: String,
-    /// What it is opened by; of a USB device with its bus and port.
-    pub uri: String,
-    /// Its serial number, if it tells one.
-    pub serial: Option<String>,
-    /// Its vendor.
-    pub vendor: String,
-    /// Its model.
-    pub name: String,
-    /// USB vendor and product, hexadecimal; none where it is no USB device.
-    pub usb: Option<String>,
-    /// Modes of its depth.
-    pub modes: Vec<Mode>,
-    /// Why it cannot be opened.
-    pub trouble: Option<String>,
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        ListedMode::from(*self).fmt(f)
+    }
+}
+
+/// Why a device cannot be opened. OpenNI2 does not say when it is the right to: then `reason` is replaced.
+fn with_access(reason: String) -> String {
+    access::denied_to_openni2().unwrap_or(reason)
 }
 
 /// The devices that are plugged in.
@@ -73,11 +61,13 @@ pub(super) fn list(library: &Path) -> Result<Vec<Listed>, String> {
         let opened = context.open_device(&info.uri);
         let (serial, modes, trouble) = match &opened {
             Ok(device) => (device.serial(), device.depth_modes(), None),
-            Err(error) => (None, Vec::new(), Some(error.to_string())),
+            Err(error) => (None, Vec::new(), Some(with_access(error.to_string()))),
         };
         let usb = (info.usb != (0, 0)).then(|| format!("{:04x}:{:04x}", info.usb.0, info.usb.1));
         let (uri, vendor, name) = (info.uri, info.vendor, info.name);
-        Listed { driver: "openni2".to_owned(), uri, serial, vendor, name, usb, modes, trouble }
+        let modes = modes.into_iter().map(ListedMode::from).collect();
+        let driver = "openni2".to_owned();
+        Listed { driver, uri, serial, vendor, name, usb, modes, trouble, ..Listed::default() }
     });
     Ok(listed.collect())
 }
@@ -97,7 +87,7 @@ fn find<'c>(context: &'c Context, wanted: Option<&str>) -> Result<Option<Device<
     let devices = context.devices().map_err(told)?;
     let named = |uri: &str| wanted.is_none_or(|wanted| is_named(wanted, uri));
     if let Some(info) = devices.iter().find(|info| named(&info.uri)) {
-        return context.open_device(&info.uri).map(Some).map_err(told);
+        return context.open_device(&info.uri).map(Some).map_err(|error| with_access(told(error)));
     }
     // Their serial numbers are told by those that are open alone.
     let opened = devices.iter().filter_map(|info| context.open_device(&info.uri).ok());
@@ -183,31 +173,6 @@ impl Developer {
     }
 }
 
-/// A sensor's microseconds as nanoseconds since 1970: its clock counts from anywhere, and may begin again.
-struct Clock {
-    offset_ns: Option<i128>,
-    last_ns: u64,
-}
-
-impl Clock {
-    fn time(&mut self, timestamp_us: u64, now_ns: impl FnOnce() -> u64) -> u64 {
-        let sensor_ns = i128::from(timestamp_us) * 1000;
-        let by = |offset: i128| u64::try_from(sensor_ns + offset).unwrap_or(0);
-        let time = self.offset_ns.map(by).filter(|time| *time > self.last_ns);
-        let time = time.unwrap_or_else(|| {
-            let now = now_ns().max(self.last_ns + 1);
-            self.offset_ns = Some(i128::from(now) - sensor_ns);
-            now
-        });
-        self.last_ns = time;
-        time
-    }
-}
-
-fn unix_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_nanos() as u64)
-}
-
 /// Streams the sensor that is wanted until it is gone; waits for it if it is not there.
 ///
 /// # Errors
@@ -215,18 +180,13 @@ fn unix_ns() -> u64 {
 pub(super) fn stream(order: &Order, link: &mut Link) -> Result<Result<(), Closed>, String> {
     let context = Context::open(&order.sensor.openni2_library).map_err(|error| error.to_string())?;
     let wanted = order.sensor.device.as_deref();
-    let mut said: Option<Instant> = None;
     let device = loop {
         if let Some(device) = find(&context, wanted)? {
             break device;
         }
-        if said.is_none_or(|said| said.elapsed() >= SAY_MISSING_EVERY) {
-            said = Some(Instant::now());
-            let which = wanted.map_or_else(String::new, |wanted| format!(" {wanted}"));
-            let missing = Message::Missing(format!("no OpenNI2 sensor{which} is plugged in"));
-            if link.say(&missing).is_err() {
-                return Ok(Err(Closed));
-            }
+        let which = wanted.map_or_else(String::new, |wanted| format!(" {wanted}"));
+        if link.missing(&format!("no OpenNI2 sensor{which} is plugged in")).is_err() {
+            return Ok(Err(Closed));
         }
         context.wait_for_change(TICK);
     };
@@ -258,7 +218,7 @@ fn stream_device(device: &Device<'_>, order: &Order, link: &mut Link) -> Result<
     if link.say(&Message::Opened(description(device, &mode))).is_err() {
         return Ok(Err(Closed));
     }
-    let mut clock = Clock { offset_ns: None, last_ns: 0 };
+    let mut clock = SensorClock::default();
     let mut before = None;
     loop {
         if device.is_gone() {
@@ -267,7 +227,7 @@ fn stream_device(device: &Device<'_>, order: &Order, link: &mut Link) -> Result<
         let Some(frame) = stream.next(TICK).map_err(told)? else { continue };
         let lost = before.map_or(0, |before| frame.index().saturating_sub(before).saturating_sub(1));
         before = Some(frame.index());
-        let timestamp_ns = clock.time(frame.timestamp_us(), unix_ns);
+        let timestamp_ns = clock.time(i128::from(frame.timestamp_us()) * 1000, unix_ns);
         let mut sent = Ok(());
         if lost > 0 {
             sent = link.say(&Message::Lost(lost.cast_unsigned()));
@@ -378,16 +338,5 @@ mod tests {
         assert!((f64::from(-edge.x).atan() - 1.0225999 / 2.0).abs() < 1e-6);
         assert_eq!(camera_of(&MODES[2], [0.0, 0.0]), None);
         assert_eq!(camera_of(&MODES[2], [f64::NAN, 0.8]), None);
-    }
-
-    #[test]
-    fn a_sensor_s_clock_goes_on_when_it_begins_again() {
-        let mut clock = Clock { offset_ns: None, last_ns: 0 };
-        let unused = || panic!("the sensor's clock goes on");
-        assert_eq!(clock.time(5_000_000, || 1_000), 1_000);
-        assert_eq!(clock.time(5_033_333, unused), 33_334_000);
-        assert_eq!(clock.time(0, || 66_000_000), 66_000_000, "it began again");
-        assert_eq!(clock.time(33_333, unused), 99_333_000);
-        assert_eq!(clock.time(0, || 5), 99_333_001, "time does not go back");
     }
 }
