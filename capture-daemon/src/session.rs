@@ -2,6 +2,7 @@
 //! daemon; it knows no clock but the frames' own.
 
 use crate::frame::DepthFrame;
+use crate::note::Note;
 use crate::pipeline::{self, PipelineParams, Steps};
 use crate::stages::accumulate::Accumulation;
 use crate::stages::blade::Refusal;
@@ -106,6 +107,26 @@ impl Session {
         }
     }
 
+    /// What a session can begin with that captures from the next frame on what this one does; `None` while a hold runs,
+    /// which the frames before the next one are part of.
+    pub fn checkpoint(&self) -> Option<Note> {
+        let is_holding = self.is_due || matches!(self.state, State::Settling { .. });
+        (!is_holding).then(|| Note::Begins { captured: self.state == State::Captured })
+    }
+
+    /// Does what a recording says that the session was told. Of another configuration its owner has to see to it.
+    pub fn take_note(&mut self, note: &Note) {
+        match note {
+            Note::Begins { captured } => {
+                let state = if *captured { State::Captured } else { State::Waiting };
+                *self = Self { state, frames: self.frames, ..Self::new(self.params.clone()) };
+            }
+            Note::Interrupted => self.interrupt(),
+            Note::Asked => self.demand(),
+            Note::Config { .. } | Note::Dropped { .. } => {}
+        }
+    }
+
     /// Goes by other parameters from the next frame on. No frame is lost; where the mask is another, what
     /// was added up by the old one is not mixed with what comes, and the hold begins anew.
     pub fn set_params(&mut self, params: SessionParams) {
@@ -201,6 +222,35 @@ mod tests {
         };
         assert_eq!(interrupted(10), [26]);
         assert_eq!(interrupted(20), [16]);
+    }
+
+    #[test]
+    fn a_session_goes_on_from_a_checkpoint_as_the_one_before() {
+        // Held from frame 10 on, gone from 40 to 45, and held again.
+        let held = |index: u64| ((10..40).contains(&index) || index >= 45).then_some(500);
+        let run = |from: u64, begins: Option<&Note>| {
+            let mut session = Session::default();
+            begins.iter().for_each(|note| session.take_note(note));
+            let mut captured = Vec::new();
+            let mut checkpoints = Vec::new();
+            for index in from..80 {
+                checkpoints.push(session.checkpoint());
+                let capture = session.push(&bar::frame(index, held(index), 1300));
+                captured.extend(capture.map(|capture| (capture.timestamp_ns, capture.steps.blades)));
+            }
+            (captured, checkpoints)
+        };
+        let (all, checkpoints) = run(0, None);
+        assert_eq!(all.len(), 2);
+        for (from, begins) in (0..).zip(&checkpoints) {
+            let is_held = (11..=26).contains(&from) || (46..=61).contains(&from);
+            assert_eq!(begins.is_none(), is_held, "frame {from}");
+            if let Some(begins) = begins {
+                let later = bar::frame(from, None, 1300).timestamp_ns;
+                let expected: Vec<_> = all.iter().filter(|capture| capture.0 > later).cloned().collect();
+                assert_eq!(run(from, Some(begins)).0, expected, "from frame {from}");
+            }
+        }
     }
 
     #[test]

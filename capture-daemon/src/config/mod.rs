@@ -6,6 +6,7 @@
 mod load;
 pub mod manual;
 mod range;
+mod record;
 
 use std::path::PathBuf;
 
@@ -21,7 +22,8 @@ use crate::stages::mask::MaskParams;
 use crate::station::StationParams;
 
 pub(crate) use load::is_known;
-pub use load::{ConfigError, check, load};
+pub use load::{ConfigError, check, load, load_recorded};
+pub use record::RecordConfig;
 
 /// All keys, with their defaults. `capture-daemon.toml` documents each.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
@@ -43,6 +45,8 @@ pub struct Config {
     pub refine: RefineConfig,
     /// `[store]`
     pub store: StoreConfig,
+    /// `[record]`
+    pub record: RecordConfig,
     /// `[service]`
     pub service: ServiceConfig,
 }
@@ -111,6 +115,8 @@ impl Default for SensorConfig {
 pub enum SensorDriver {
     /// OpenNI2.
     OpenNi2,
+    /// A recording with the faults of a script.
+    Faulty,
 }
 
 impl SensorDriver {
@@ -118,6 +124,7 @@ impl SensorDriver {
     pub fn name(self) -> &'static str {
         match self {
             Self::OpenNi2 => "OpenNI2",
+            Self::Faulty => "faulty",
         }
     }
 }
@@ -308,6 +315,15 @@ impl Config {
     /// All keys that have a value, as TOML.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("numbers, texts and paths in UTF-8 can be written as TOML")
+    }
+
+    /// The sections that a capture goes by, as TOML: what a recording of a live run is made under.
+    pub fn capture_toml(&self) -> String {
+        let mut table: toml::Table = toml::from_str(&self.to_toml()).expect("it was written as TOML");
+        table.retain(|section, _| {
+            ["camera", "mask", "capture", "blade", "refine"].contains(&section.as_str())
+        });
+        toml::to_string(&table).expect("it was TOML")
     }
 
     /// Hex of the first 8 bytes of BLAKE3 over the keys that a capture goes by: those of the camera, the

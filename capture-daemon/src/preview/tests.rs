@@ -134,7 +134,7 @@ fn a_frame_of_another_size_is_shown_without_the_capture() {
     let look = looks(17, 0.001).pop().expect("a look");
     let (width, height) = (80, 60);
     let small = DepthFrame { width, height, depth: vec![500; width * height], ..frame(17, 0.001) };
-    let preview = read(&Look { frame: Some((17, small)), ..Look::clone(&look) });
+    let preview = read(&Look { frame: Some((17, Arc::new(small))), ..Look::clone(&look) });
     assert_eq!(preview.header().width, 80);
     assert!(preview.polylines().all(|line| line.kind() == PolylineKind::Contour));
     assert!(preview.labels().iter().all(|label| *label == 0));

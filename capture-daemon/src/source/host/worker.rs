@@ -13,8 +13,9 @@ use rustix::process::{Signal, set_parent_process_death_signal};
 
 use super::message::Message;
 use super::{Order, Task};
+use crate::config::SensorDriver;
 use crate::frame::DepthFrame;
-use crate::source::openni2;
+use crate::source::{faulty, openni2};
 
 /// Bytes of packets that may wait for the daemon: a few frames, of which each packet only names the memory.
 const SEND_BUFFER: usize = 8 << 10;
@@ -94,7 +95,10 @@ pub fn work(order: &str) -> anyhow::Result<()> {
             let list = serde_json::to_string(&devices).map_err(|error| error.to_string())?;
             Ok(link.say(&Message::Devices(list)))
         }),
-        Task::Stream => openni2::stream(&order, &mut link),
+        Task::Stream => match order.sensor.driver {
+            Some(SensorDriver::Faulty) => faulty::stream(&order, &mut link),
+            _ => openni2::stream(&order, &mut link),
+        },
         Task::Play { path, frames } => openni2::play(path, *frames, &order, &mut link),
     };
     if let Err(reason) = done {
