@@ -9,6 +9,7 @@ use common::manual::Shell;
 
 pub use self::blades::BladesVerb;
 use crate::client::RecordingsVerb;
+use crate::quality::QualityArgs;
 use crate::record::RecordArgs;
 
 /// Captures grass blades from a depth camera or a recording and offers them as a library
@@ -107,6 +108,18 @@ pub enum Verb {
     /// Example: sward-capture recordings list
     #[command(subcommand)]
     Recordings(RecordingsVerb),
+    /// Measure whether a sensor, or a recording, sees well enough for blades
+    ///
+    /// For whoever mounts the camera, and before opening hours: how many pixels have a reading, how far readings lie from
+    /// a plane through their neighbours and how much they change from frame to frame (both as they are at the distance at
+    /// which blades are held), how many pixels there are across a narrow blade, how many frames come, and how many are of no
+    /// use. Each passes or fails, with what to do. Best done with nobody before the camera; nothing is captured.
+    ///
+    /// Exit code 0: all is well; 1: something is not; 2: bad arguments or configuration; 3: the recording is missing or not
+    /// one frame of it can be read; 4: the sensor cannot be opened.
+    ///
+    /// Example: sward-capture quality --set 'sensor.driver="openni2"' --blade-width-mm 4
+    Quality(QualityArgs),
     /// Rewrite a recording that was cut short into a whole one
     ///
     /// Every whole message is kept, with its topic, times, metadata and attachments.

@@ -19,6 +19,7 @@ mod mistake;
 pub mod note;
 pub mod pipeline;
 pub mod preview;
+pub mod quality;
 pub mod record;
 mod recorder;
 pub mod recording;

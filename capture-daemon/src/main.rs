@@ -8,7 +8,7 @@ use capture_daemon::config::{self, Config, ConfigError};
 use capture_daemon::devices::DevicesError;
 use capture_daemon::record::RecordError;
 use capture_daemon::source::host;
-use capture_daemon::{client, daemon, devices, doctor, logging, record, recording, replay, synth};
+use capture_daemon::{client, daemon, devices, doctor, logging, quality, record, recording, replay, synth};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
 use common::manual;
@@ -68,6 +68,7 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
         }
         Verb::Record(args) => record::record(args, &load(&args.config)?),
         Verb::Recordings(verb) => client::recordings(verb),
+        Verb::Quality(args) => quality::quality(args, &load(&args.config)?),
         Verb::Devices(args) => devices::devices(args),
         Verb::SensorProcess { order } => host::work(order),
         Verb::CheckConfig(args) => {

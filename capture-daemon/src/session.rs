@@ -40,7 +40,12 @@ pub struct Session {
     frames: u64,
     /// Someone has asked for a capture before the hold is over.
     is_due: bool,
+    /// Time of the last frame.
+    last_ns: Option<u64>,
 }
+
+/// No sensor is that slow, nanoseconds: its clock was set forth, or frames lack. A hold is not over by that.
+const GAP_NS: u64 = 10_000_000_000;
 
 impl Session {
     /// A session that has seen nothing.
@@ -53,6 +58,11 @@ impl Session {
     pub fn push(&mut self, frame: &DepthFrame) -> Option<Capture> {
         let index = self.frames;
         self.frames += 1;
+        let elapsed_ns =
+            self.last_ns.replace(frame.timestamp_ns).map(|last| frame.timestamp_ns.saturating_sub(last));
+        if elapsed_ns.is_some_and(|elapsed| elapsed > GAP_NS) {
+            self.interrupt();
+        }
         let PipelineParams { mask, .. } = &self.params.pipeline;
         if self.held.as_ref().is_some_and(|held| !held.fits(frame)) {
             self.held = None;
@@ -222,6 +232,22 @@ mod tests {
         };
         assert_eq!(interrupted(10), [26]);
         assert_eq!(interrupted(20), [16]);
+    }
+
+    #[test]
+    fn a_clock_that_steps_does_not_end_a_hold() {
+        for (step_ns, expected) in [(0, 16), (3_600_000_000_000, 26), (-500_000_000, 26)] {
+            let mut session = Session::default();
+            let captured = (0..60).find(|index| {
+                let mut frame = bar::frame(*index, Some(500), 1300);
+                frame.timestamp_ns += 1_000_000_000;
+                if *index >= 10 {
+                    frame.timestamp_ns = frame.timestamp_ns.saturating_add_signed(step_ns);
+                }
+                session.push(&frame).is_some()
+            });
+            assert_eq!(captured, Some(expected), "a step of {step_ns} ns");
+        }
     }
 
     #[test]

@@ -335,9 +335,13 @@ mod tests {
     fn the_types_are_those_of_the_file() {
         let members = members();
         let mut known = BTreeSet::new();
-        for custom in
-            [Status::CUSTOM_TYPE, Blade::CUSTOM_TYPE, EarlierBlade::CUSTOM_TYPE, RefusedFile::CUSTOM_TYPE, Recording::CUSTOM_TYPE]
-        {
+        for custom in [
+            Status::CUSTOM_TYPE,
+            Blade::CUSTOM_TYPE,
+            EarlierBlade::CUSTOM_TYPE,
+            RefusedFile::CUSTOM_TYPE,
+            Recording::CUSTOM_TYPE,
+        ] {
             known.insert(bare(&custom.to_string()));
         }
         for error in StationError::VARIANTS {

@@ -320,9 +320,7 @@ impl Config {
     /// The sections that a capture goes by, as TOML: what a recording of a live run is made under.
     pub fn capture_toml(&self) -> String {
         let mut table: toml::Table = toml::from_str(&self.to_toml()).expect("it was written as TOML");
-        table.retain(|section, _| {
-            ["camera", "mask", "capture", "blade", "refine"].contains(&section.as_str())
-        });
+        table.retain(|section, _| ["camera", "mask", "capture", "blade", "refine"].contains(&section));
         toml::to_string(&table).expect("it was TOML")
     }
 

@@ -21,7 +21,7 @@ fn looks(frames: u64, depth_unit_m: f64) -> Vec<Arc<Look>> {
     let look = |index| {
         let frame = frame(index, depth_unit_m);
         let capture = session.push(&frame).map(Arc::new);
-        previewer.frame(frame, &session, capture, false);
+        previewer.frame(Arc::new(frame), &session, capture, false);
         seen.borrow().clone().expect("it is shown")
     };
     (0..frames).map(look).collect()
@@ -93,7 +93,7 @@ fn what_is_taken_away_is_shown_where_it_is() {
         }
         let capture = session.push(&frame).map(Arc::new);
         let depth = frame.depth.clone();
-        previewer.frame(frame, &session, capture, false);
+        previewer.frame(Arc::new(frame), &session, capture, false);
         let preview = read(seen.borrow().as_ref().expect("it is shown"));
         assert_eq!(preview.header().capture.is_some(), index >= 16);
         let is_blade = |at: usize| depth[at] == 500;

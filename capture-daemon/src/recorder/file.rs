@@ -98,11 +98,6 @@ impl RecordingFile {
         now.saturating_duration_since(self.begun)
     }
 
-    /// Frames so far.
-    pub(super) fn frames(&self) -> u64 {
-        self.frames
-    }
-
     /// Whether a frame can be part of it.
     pub(super) fn fits(&self, shot: &Shot) -> bool {
         Shape::of(&shot.frame) == self.shape
@@ -256,7 +251,7 @@ mod tests {
             for tail in [&[][..], &[0; 3000], &[0x5a; 777], &whole[whole.len() - 500..]] {
                 let times = read(&[whole, tail].concat(), folder.path());
                 let expected: Vec<u64> =
-                    (0..=index).map(|index| super::tests::shot(index).frame.timestamp_ns).collect();
+                    (0..=index).map(|index| tests::shot(index).frame.timestamp_ns).collect();
                 let last = *times.last().expect("frames");
                 assert!(last + 1_000_000_000 > now_ns, "{last} of {now_ns}");
                 assert_eq!(times, expected[..times.len()], "each frame once, in order");

@@ -120,6 +120,12 @@ pub(super) enum Slot {
     Nothing,
 }
 
+/// Whether something that begins at a time and lasts for so long is on, seconds; times of frames are rounded.
+fn lasts(from_s: f64, for_s: f64, t_s: f64) -> bool {
+    const ROUNDED_S: f64 = 1e-6;
+    (from_s..from_s + for_s).contains(&(t_s + ROUNDED_S))
+}
+
 impl Script {
     /// Reads a script, and when it was written: its time begins then.
     ///
@@ -173,11 +179,12 @@ impl Script {
     pub(super) fn due_s(&self, index: u64, fps: f64) -> f64 {
         let t_s = index as f64 / fps;
         let end = |fault: &Fault| match fault.kind {
-            FaultKind::Burst { frames } => Some(fault.at_s + frames as f64 / fps),
+            FaultKind::Burst { frames } if lasts(fault.at_s, frames as f64 / fps, t_s) => {
+                Some(fault.at_s + frames as f64 / fps)
+            }
             _ => None,
         };
-        let bursts = self.faults.iter().filter_map(|fault| Some((fault.at_s, end(fault)?)));
-        bursts.filter(|(from, to)| (*from..*to).contains(&t_s)).map(|(_, to)| to).fold(t_s, f64::max)
+        self.faults.iter().filter_map(end).fold(t_s, f64::max)
     }
 
     /// What comes of frame `index`.
@@ -193,7 +200,7 @@ impl Script {
                 FaultKind::Lost { frames } => (Slot::Lost, frames_s(frames)),
                 _ => return None,
             };
-            (fault.at_s..fault.at_s + for_s).contains(&t_s).then_some(slot)
+            lasts(fault.at_s, for_s, t_s).then_some(slot)
         };
         let slots: Vec<Slot> = self.faults.iter().filter_map(slot).collect();
         let is_nothing = slots.contains(&Slot::Nothing);
