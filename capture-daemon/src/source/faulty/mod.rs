@@ -2,7 +2,8 @@
 //! runs in the sensor process like any other, so that the whole chain meets them.
 //!
 //! The sensor runs by itself from the moment at which its script was written, whether or not anybody opens it: frame k is
-//! due k periods later, and a fault happens then to whichever process has the sensor open.
+//! due k periods later, and a fault happens then to whichever process has the sensor open. A script that is written anew
+//! begins anew, also for a process that has it open.
 //!
 //! ```toml
 //! recording = "row-3.mcap"     # beside the script, or a whole path
@@ -14,7 +15,7 @@
 
 mod script;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use rand_pcg::Pcg32;
@@ -76,10 +77,11 @@ pub(super) fn stream(order: &Order, link: &mut Link) -> Result<Result<(), Closed
     let (script, written) = Script::read(path)?;
     let recording = path.parent().unwrap_or(Path::new(".")).join(&script.recording);
     let pictures = pictures(&recording)?;
-    let mut sensor =
-        Sensor { fps: script.fps.unwrap_or_else(|| rate_of(&pictures)), script, written, pictures };
+    let fps = script.fps.unwrap_or_else(|| rate_of(&pictures));
+    let mut sensor = Sensor { path: path.to_owned(), fps, script, written, pictures };
     let mut said: Option<Duration> = None;
     while let State::Absent = sensor.script.state(sensor.now_s()) {
+        sensor.read_again();
         let now = sensor.elapsed();
         if said.is_none_or(|said| now.saturating_sub(said) >= SAY_MISSING_EVERY) {
             said = Some(now);
@@ -93,6 +95,7 @@ pub(super) fn stream(order: &Order, link: &mut Link) -> Result<Result<(), Closed
 }
 
 struct Sensor {
+    path: PathBuf,
     script: Script,
     /// When the script was written.
     written: SystemTime,
@@ -105,12 +108,20 @@ impl Sensor {
         SystemTime::now().duration_since(self.written).unwrap_or_default()
     }
 
+    /// Whether the script was written anew, and is read. One that cannot be read changes nothing.
+    fn read_again(&mut self) -> bool {
+        let written = std::fs::metadata(&self.path).and_then(|metadata| metadata.modified());
+        let is_new = written.is_ok_and(|written| written != self.written);
+        let read = is_new.then(|| Script::read(&self.path).ok()).flatten();
+        read.map(|(script, written)| (self.script, self.written) = (script, written)).is_some()
+    }
+
     fn now_s(&self) -> f64 {
         self.elapsed().as_secs_f64()
     }
 
     fn stream(&mut self, link: &mut Link) -> Result<Result<(), Closed>, String> {
-        let opened_s = self.now_s();
+        let mut opened_s = self.now_s();
         let first = &self.pictures[0];
         let name = format!("faulty sensor, {}x{} {:.0}/s", first.width, first.height, self.fps);
         let said =
@@ -158,6 +169,10 @@ impl Sensor {
                 return Ok(Err(Closed));
             }
             index += 1;
+            if self.read_again() {
+                opened_s = 0.0;
+                index = (self.now_s() * self.fps) as u64 + 1;
+            }
         }
     }
 
@@ -211,7 +226,13 @@ mod tests {
     fn sensor(faults: &str) -> Sensor {
         let script: Script = toml::from_str(&format!("recording = \"a\"\n{faults}")).expect("a script");
         let pictures = (0..10).map(|index| bar::frame(index, Some(500), 1300)).collect();
-        Sensor { script, written: UNIX_EPOCH + Duration::from_secs(1_700_000_000), pictures, fps: 10.0 }
+        Sensor {
+            path: PathBuf::new(),
+            script,
+            written: UNIX_EPOCH + Duration::from_secs(1_700_000_000),
+            pictures,
+            fps: 10.0,
+        }
     }
 
     #[test]
