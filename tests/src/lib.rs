@@ -1,6 +1,7 @@
 //! What the cross-crate tests share: the programs and how to run them, and reading source as text.
 
 pub mod daemon;
+pub mod faulty;
 pub mod log;
 pub mod oni;
 pub mod openni2;
