@@ -25,6 +25,8 @@ pub(super) struct RecordingFile {
     chunk_since: Option<Instant>,
     /// Bytes that are on disk, and whole.
     synced_bytes: u64,
+    /// Frames in these.
+    synced_frames: u64,
     frames: u64,
 }
 
@@ -79,6 +81,7 @@ impl RecordingFile {
             begun: now,
             chunk_since: None,
             synced_bytes: 0,
+            synced_frames: 0,
             frames: 0,
         })
     }
@@ -98,6 +101,11 @@ impl RecordingFile {
         now.saturating_duration_since(self.begun)
     }
 
+    /// Frames that are on disk, and those that are not yet.
+    pub(super) fn frames(&self) -> (u64, u64) {
+        (self.synced_frames, self.frames - self.synced_frames)
+    }
+
     /// Whether a frame can be part of it.
     pub(super) fn fits(&self, shot: &Shot) -> bool {
         Shape::of(&shot.frame) == self.shape
@@ -114,15 +122,15 @@ impl RecordingFile {
     }
 
     fn write_notes(&mut self, notes: &[Note], shot: &Shot) -> Result<(), WriteError> {
+        self.frames += 1;
         match (&shot.begins, self.frames) {
             // What it was told before is part of where it begins.
-            (begins, 0) => {
+            (begins, 1) => {
                 let begins = begins.clone().unwrap_or(Note::Begins { captured: false });
                 self.writer.write_noted(&[begins], &shot.frame)?;
             }
             _ => self.writer.write_noted(notes, &shot.frame)?,
         }
-        self.frames += 1;
         Ok(())
     }
 
@@ -145,6 +153,7 @@ impl RecordingFile {
         let io = |source| WriteError::Io { path: self.path.clone(), source };
         self.file.sync_data().map_err(io)?;
         self.synced_bytes = self.file.metadata().map_err(io)?.len();
+        self.synced_frames = self.frames;
         Ok(())
     }
 

@@ -20,6 +20,8 @@ use crate::recording::{RecordingParams, WriteError};
 const TICK: Duration = Duration::from_millis(100);
 /// How often it looks at the room on the disk, and tries a disk again that refuses.
 const TIDY_EVERY: Duration = Duration::from_secs(1);
+/// Room beyond the reserve, bytes, for which it is worth to begin again.
+const LEAST_ROOM: u64 = 1_000_000;
 
 /// The recorder's thread.
 pub(crate) struct Work {
@@ -30,6 +32,10 @@ pub(crate) struct Work {
     /// `None`: there is one file alone.
     shelf: Option<Shelf>,
     is_recording: bool,
+    /// The disk refused, and is tried again.
+    is_paused: bool,
+    /// Frames in files that are over.
+    ended_frames: u64,
     /// Where the next recording goes, as it was told.
     next_path: Option<PathBuf>,
     open: Option<RecordingFile>,
@@ -66,6 +72,8 @@ impl Work {
             told: Told::default(),
             shelf,
             is_recording,
+            is_paused: false,
+            ended_frames: 0,
             next_path: None,
             open: None,
             ring,
@@ -116,6 +124,7 @@ impl Work {
     }
 
     fn publish(&mut self) {
+        self.told.frames = self.ended_frames + self.open.as_ref().map_or(0, |open| open.frames().0);
         self.told.slow_frames = self.inbox.shared.slow_frames.load(Ordering::Relaxed);
         let about_to_be = || {
             self.next_path.as_deref().or(match &self.settings.target {
@@ -149,7 +158,7 @@ impl Work {
     }
 
     fn record(&mut self, shot: &Shot, now: Instant) {
-        if self.told.trouble.is_some() {
+        if self.is_paused {
             self.told.disk_frames += 1;
             return;
         }
@@ -165,12 +174,20 @@ impl Work {
             }
             match self.begin(shot, now) {
                 Ok(open) => self.open = Some(open),
-                Err(reason) => return self.fail(reason),
+                Err(reason) => {
+                    self.told.disk_frames += 1;
+                    return self.fail(reason);
+                }
             }
         }
         let Some(open) = &mut self.open else { return };
         match open.write(shot, now) {
-            Ok(()) => self.told.frames += 1,
+            Ok(()) => {
+                // What was begun may still fail; what is on disk shows that it is mended.
+                if open.frames().0 > 0 && self.told.trouble.take().is_some() {
+                    tracing::info!("it is recorded again");
+                }
+            }
             Err(error) => self.fail(error.to_string()),
         }
     }
@@ -204,12 +221,16 @@ impl Work {
         let open = self.open.take()?;
         self.told.ended += 1;
         let path = open.path().display().to_string();
+        let (synced, unsynced) = open.frames();
         match open.finish() {
             Ok(written) => {
+                self.ended_frames += written.frames;
                 tracing::info!(path, frames = written.frames, bytes = written.bytes, "recorded");
                 Some(written)
             }
             Err(error) => {
+                self.ended_frames += synced;
+                self.told.disk_frames += unsynced;
                 self.trouble(format!("{path} is cut short: {error}"));
                 None
             }
@@ -218,8 +239,10 @@ impl Work {
 
     /// Nothing can be written at present.
     fn fail(&mut self, reason: String) {
-        self.told.disk_frames += 1;
         if let Some(open) = self.open.take() {
+            let (synced, unsynced) = open.frames();
+            self.ended_frames += synced;
+            self.told.disk_frames += unsynced;
             self.told.ended += 1;
             open.salvage();
         }
@@ -231,6 +254,7 @@ impl Work {
             tracing::error!(reason, "nothing can be recorded at present; it goes on when that is mended");
         }
         self.told.trouble = Some(reason);
+        self.is_paused = true;
         self.tidy_at = Instant::now() + TIDY_EVERY;
     }
 
@@ -249,11 +273,11 @@ impl Work {
         self.tidy_at = now + TIDY_EVERY;
         let Some(shelf) = &self.shelf else { return };
         // So that it does not begin for a moment only.
-        let spare = if self.told.trouble.is_some() { self.settings.limits.reserve_bytes / 10 } else { 0 };
+        let reserve = self.settings.limits.reserve_bytes;
+        let spare = if self.told.trouble.is_some() { (reserve / 10).max(LEAST_ROOM) } else { 0 };
         match make_room(shelf, &self.busy(), spare) {
             Ok(()) => {
-                if self.told.trouble.take().is_some() {
-                    tracing::info!("it can be recorded again");
+                if std::mem::take(&mut self.is_paused) {
                     self.inbox.shared.is_beginning.store(true, Ordering::Relaxed);
                 }
             }
@@ -282,6 +306,7 @@ impl Work {
         let name = name_of(&path);
         self.next_path = Some(path);
         self.is_recording = true;
+        self.is_paused = false;
         self.told.trouble = None;
         self.inbox.shared.is_wanted.store(true, Ordering::Relaxed);
         self.inbox.shared.is_beginning.store(true, Ordering::Relaxed);
@@ -295,6 +320,7 @@ impl Work {
         self.publish();
         let name = self.told.recording.clone().unwrap_or_default();
         self.is_recording = false;
+        self.is_paused = false;
         self.inbox.shared.is_wanted.store(self.ring.is_some(), Ordering::Relaxed);
         self.inbox.shared.is_beginning.store(false, Ordering::Relaxed);
         self.next_path = None;
@@ -348,6 +374,8 @@ impl Work {
             }
             Err(error) => match reply {
                 Some(reply) => answer(reply, Err(error)),
+                // As at the start, when there was nothing yet.
+                None if error == StationError::NothingToSave => {}
                 None => tracing::warn!(%error, "the last seconds are not saved"),
             },
         }
