@@ -1,7 +1,7 @@
 //! The folder of recordings: their names, which of them stay, and the room on its disk.
 //!
 //! ```text
-//! <record.directory>/2026-11-23T18-20-26.123Z.mcap           goes when it is old, or room is needed
+//! <record.directory>/2026-11-23T18-20-26.123Z.mcap           goes when it is old, or there is too much
 //!                    2026-11-23T18-20-26.123Z-refused.mcap   the last seconds, saved for a reason
 //!                    pinned/NAME.mcap                        stays until it is removed by hand
 //! ```
@@ -109,14 +109,13 @@ impl Shelf {
         Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
-    /// Removes what is too old or too much, and, the oldest first, as many as the reserve lacks room; never a pinned one,
-    /// nor those of `busy`.
+    /// Removes what is too old or too much, the oldest first; never a pinned one, nor those of `busy`. What is whole does not go
+    /// for a reserve that lacks room.
     ///
     /// # Errors
     /// When one cannot be removed, or there is no room for more than `spare` bytes beyond the reserve then.
     pub(super) fn tidy(&self, busy: &[&Path], spare: u64, now: SystemTime) -> Result<(), String> {
         let told = |error: io::Error| format!("{}: {error}", self.folder.display());
-        let free = || self.free_bytes().map_err(told);
         let mut old: Vec<Kept> = self
             .kept()
             .into_iter()
@@ -132,21 +131,21 @@ impl Shelf {
         };
         old.reverse();
         while let Some(kept) = old.pop() {
-            if !is_old(&kept) && total <= self.limits.max_bytes && free()? >= needed {
+            if !is_old(&kept) && total <= self.limits.max_bytes {
                 break;
             }
             remove(&kept.path).map_err(|error| format!("{}: {error}", kept.path.display()))?;
             total -= kept.bytes;
             tracing::info!(recording = kept.name, bytes = kept.bytes, "an old recording is removed");
         }
-        let free_bytes = free()?;
+        let free_bytes = self.free_bytes().map_err(told)?;
         if free_bytes >= needed {
             return Ok(());
         }
         let [free_mb, needed_mb] = [free_bytes, needed].map(|bytes| bytes as f64 / 1e6);
         Err(format!(
-            "{}: {free_mb:.1} MB are free on its disk, expected {needed_mb:.1} (record.reserve_mb); make room there, or \
-             unpin recordings",
+            "{}: {free_mb:.1} MB are free on its disk, expected {needed_mb:.1} (record.reserve_mb); make room there, \
+             and see record.max_mb",
             self.folder.display()
         ))
     }
@@ -225,11 +224,11 @@ mod tests {
     }
 
     #[test]
-    fn where_the_reserve_lacks_room_all_that_may_go_goes_and_it_is_said() {
+    fn where_the_reserve_lacks_room_it_is_said_and_nothing_goes() {
         let (_folder, shelf, now) = shelf(Limits { reserve_bytes: u64::MAX / 2, ..ALL }, &["a", "b"]);
         let lacking = shelf.tidy(&[], 0, now).expect_err("no disk is that large");
         assert!(lacking.contains("record.reserve_mb") && lacking.contains("make room"), "{lacking}");
-        assert!(names(&shelf).is_empty());
+        assert_eq!(names(&shelf), ["a", "b"]);
     }
 
     #[test]

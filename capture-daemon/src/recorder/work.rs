@@ -20,6 +20,8 @@ use crate::recording::{RecordingParams, WriteError};
 const TICK: Duration = Duration::from_millis(100);
 /// How often it looks at the room on the disk, and tries a disk again that refuses.
 const TIDY_EVERY: Duration = Duration::from_secs(1);
+/// How hard it compresses (zstd): as little as helps, since frames come faster than a busy processor does more.
+const LEVEL: u32 = 1;
 /// Room beyond the reserve, bytes, for which it is worth to begin again.
 const LEAST_ROOM: u64 = 1_000_000;
 
@@ -213,7 +215,8 @@ impl Work {
 
     fn params(&self) -> RecordingParams {
         let (sensor, serial, config) = (self.sensor.clone(), self.serial.clone(), self.config.clone());
-        RecordingParams { sensor, serial, config, ..RecordingParams::default() }
+        let compression_level = LEVEL;
+        RecordingParams { sensor, serial, config, compression_level, ..RecordingParams::default() }
     }
 
     /// The file is over; what was written, if there is one.
@@ -350,7 +353,9 @@ impl Work {
         }
         match self.begin_saving(cause) {
             Ok((path, frames)) => {
-                self.saved_at = Some(Instant::now());
+                if !is_asked {
+                    self.saved_at = Some(Instant::now());
+                }
                 self.told.saves += 1;
                 let (params, to) = (self.params(), path.clone());
                 let work = move || {
