@@ -13,7 +13,7 @@ use common::library::library_hash;
 use serde_json::{Value, json};
 use tests::daemon::Daemon;
 use tests::faulty::{Faulty, count, on_a_small_disk, wait_until};
-use tests::programs::{DEADLINE, Finished, Program, wait_for};
+use tests::programs::{DEADLINE, Finished, Program, Running, wait_for};
 use tests::random::Random;
 
 /// The settings of a sensor and more.
@@ -106,6 +106,24 @@ fn what_record_captures_a_replay_captures_bit_for_bit() {
 
     let again = record(&faulty, &[&shown, "--seconds", "1"]);
     assert!(again.code == Some(1) && again.stderr.contains("exists already"), "{again:?}");
+}
+
+#[test]
+fn record_that_is_interrupted_ends_its_file() {
+    let faulty = Faulty::on("row-3.mcap");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let mut arguments = vec!["record".to_owned(), path.display().to_string()];
+    arguments.extend(faulty.arguments());
+    let running = Running::start(Program::Capture.command(arguments));
+    let has_frames = || fs::metadata(&path).is_ok_and(|metadata| metadata.len() > 500_000).then_some(());
+    wait_for(DEADLINE, has_frames).expect("it records");
+    running.terminate();
+    let finished = running.finish(DEADLINE);
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    let info = Program::Capture.run([Path::new("info"), &path, Path::new("--json")]);
+    let info: Value = serde_json::from_str(&info.stdout).expect("JSON");
+    assert_eq!(info["damage"], json!([]), "{info}");
 }
 
 #[test]
@@ -401,7 +419,7 @@ fn each_refusal_says_why_in_a_sentence() {
         arguments.extend(sets.iter().flat_map(|set| ["--set", *set]));
         let mut command = Program::Capture.command(arguments);
         command.env("SWARD_LOG", "off");
-        tests::programs::Running::start(command).finish(DEADLINE)
+        Running::start(command).finish(DEADLINE)
     };
     refused(&run(&[]), 2, "sensor.driver");
     refused(&run(&["source.recording=\"/no/such.mcap\""]), 3, "/no/such.mcap");
@@ -411,7 +429,7 @@ fn each_refusal_says_why_in_a_sentence() {
     let mut command =
         Program::Capture.command([Path::new("record"), &into, Path::new("--set"), Path::new(&shipped)]);
     command.env("SWARD_LOG", "off");
-    refused(&tests::programs::Running::start(command).finish(DEADLINE), 1, "cannot be written");
+    refused(&Running::start(command).finish(DEADLINE), 1, "cannot be written");
     assert!(!out.exists(), "nothing is left behind");
 }
 
