@@ -19,7 +19,7 @@ use tokio::sync::{mpsc as async_mpsc, oneshot, watch};
 
 use crate::cli::ConfigArgs;
 use crate::config::{self, Config};
-use crate::frames::{self, FrameOrder, Frames, NewParams, open_source};
+use crate::frames::{self, FrameOrder, Frames, NewParams, Outlets, open_source};
 use crate::keeper::{self, Announcements, Holdings, Job, Keeper, Outcome};
 use crate::recorder::{self, Told, Work};
 use crate::service::{Access, Previews, ReloadOrder, Service, Socket, passed_socket};
@@ -132,16 +132,8 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     keeper.begin();
     let mut keeper = Worker::start("store", move || keeper.run(&jobs_come))?;
     let stop = Arc::new(AtomicBool::new(false));
-    let frames = Frames::new(
-        &config,
-        status,
-        looks,
-        holdings_seen.clone(),
-        jobs.clone(),
-        recorder,
-        orders_come,
-        Arc::clone(&stop),
-    );
+    let outlets = Outlets { status, looks, keeper: jobs.clone(), recorder };
+    let frames = Frames::new(&config, outlets, holdings_seen.clone(), orders_come, Arc::clone(&stop));
     let mut frames = Worker::start("frames", move || frames.run(source))?;
 
     let service = Service {

@@ -15,7 +15,7 @@ use crate::feed::Feed;
 use crate::frame::DepthFrame;
 use crate::keeper::{Holdings, Job, Outcome};
 use crate::note::Note;
-use crate::preview::{Look, Previewer};
+use crate::preview::Previewer;
 use crate::recorder::{Cause, Recorder, Shape};
 use crate::recording::{self, OpenError};
 use crate::recurring::Recurring;
@@ -28,8 +28,10 @@ use crate::station::State;
 use crate::store::record::{Measured, Provenance, Record};
 use crate::visitor::Message;
 
+mod ends;
 mod watchdog;
 
+pub(crate) use self::ends::{FrameOrder, NewParams, Outlets};
 use self::watchdog::Watchdog;
 
 /// Orders that may wait for the frame thread.
@@ -42,26 +44,6 @@ const RATE_WINDOW: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_secs(60);
 /// How long it is waited, at most, before a recording that cannot be played again is tried once more.
 const LONGEST_RETRY: Duration = Duration::from_secs(60);
-
-/// What the frame thread is asked to do.
-#[derive(Debug)]
-pub(crate) enum FrameOrder {
-    /// Capture what is held, and say what came of it.
-    Capture(oneshot::Sender<Outcome<CaptureReply>>),
-    /// Go by other parameters from the next frame on.
-    Params(Box<NewParams>),
-}
-
-/// Other parameters.
-#[derive(Debug)]
-pub(crate) struct NewParams {
-    /// What the session goes by.
-    pub(crate) session: SessionParams,
-    /// Hash of the keys that the capture goes by.
-    pub(crate) hash: String,
-    /// These keys, TOML.
-    pub(crate) toml: String,
-}
 
 /// A source as the frame thread has it.
 pub(crate) type Source = Box<dyn FrameSource + Send>;
@@ -119,17 +101,15 @@ pub(crate) struct Frames {
 }
 
 impl Frames {
-    /// `holdings`: what was captured before; `recorder`: gets each frame; `orders`: what it is asked to do; `stop`: once true, it ends.
+    /// `holdings`: what was captured before; `orders`: what it is asked to do; `stop`: once true, it ends.
     pub(crate) fn new(
         config: &Config,
-        status: watch::Sender<Status>,
-        looks: watch::Sender<Option<Arc<Look>>>,
+        outlets: Outlets,
         holdings: watch::Receiver<Arc<Holdings>>,
-        keeper: SyncSender<Job>,
-        recorder: Recorder,
         orders: Receiver<FrameOrder>,
         stop: Arc<AtomicBool>,
     ) -> Self {
+        let Outlets { status, looks, keeper, recorder } = outlets;
         let params = config.session_params();
         Self {
             config: config.clone(),

@@ -255,10 +255,9 @@ fn whatever_befalls_the_sensor_no_blade_is_lost_and_the_station_stays_as_small()
     // Of many looks: those of the second half are no larger than of the first.
     if looks.len() >= 20 {
         let (early, late) = looks.split_at(looks.len() / 2);
-        let most =
-            |looks: &[(u64, usize)], of: fn(&(u64, usize)) -> u64| looks.iter().map(of).max().unwrap_or(0);
-        let [memory, descriptors]: [fn(&(u64, usize)) -> u64; 2] = [|look| look.0, |look| look.1 as u64];
-        assert!(most(late, memory) <= most(early, memory) + 16 * 1024, "memory grows: {looks:?}");
-        assert!(most(late, descriptors) <= most(early, descriptors) + 4, "descriptors grow: {looks:?}");
+        let memory = |looks: &[(u64, usize)]| looks.iter().map(|look| look.0).max().unwrap_or(0);
+        let descriptors = |looks: &[(u64, usize)]| looks.iter().map(|look| look.1).max().unwrap_or(0);
+        assert!(memory(late) <= memory(early) + 16 * 1024, "memory grows: {looks:?}");
+        assert!(descriptors(late) <= descriptors(early) + 4, "descriptors grow: {looks:?}");
     }
 }
