@@ -5,6 +5,7 @@ START ?= 0
 ONLY ?=
 PUBLISHES ?= 100000
 KILLS ?= 1000
+FAULTS_S ?= 3600
 
 .PHONY: help demo test bench figures soak fuzz vm-test recordings goldens pictures
 
@@ -21,7 +22,8 @@ help:
 	@echo 'make bench  times of the stages beside OpenCV, and the memory of a long replay'
 	@echo 'make figures   latency from frame to picture, publishing, processor time and start, as a table (6 min);'
 	@echo '            ONLY="latency publish cpu start" measures some of it'
-	@echo 'make soak   what takes long in place of seconds: PUBLISHES=100000 in flat memory, KILLS=1000 of the daemon'
+	@echo 'make soak   what takes long in place of seconds: PUBLISHES=100000 in flat memory, KILLS=1000 of the daemon,'
+	@echo '            a tenth of them while it records, and FAULTS_S=3600 seconds of faults of its sensor'
 
 demo:
 	@.ci/demo $(RECORDING)
@@ -42,7 +44,7 @@ figures:
 	@.ci/figures $(ONLY)
 
 soak:
-	@.ci/soak $(PUBLISHES) $(KILLS)
+	@.ci/soak $(PUBLISHES) $(KILLS) $(FAULTS_S)
 
 pictures:
 	@.ci/pictures

@@ -1,10 +1,16 @@
 //! The command line of `sward-capture`.
 
+mod blades;
+
 use std::path::PathBuf;
-use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use common::manual::Shell;
+
+pub use self::blades::BladesVerb;
+use crate::client::RecordingsVerb;
+use crate::quality::QualityArgs;
+use crate::record::RecordArgs;
 
 /// Captures grass blades from a depth camera or a recording and offers them as a library
 ///
@@ -38,6 +44,9 @@ pub enum Verb {
     /// Example: sward-capture run --set 'source.recording="recordings/row-3.mcap"'
     Run(ConfigArgs),
     /// Pass a recording through the pipeline of `run`, on the recording's own time
+    ///
+    /// A recording of a live run (`record`, `recordings start`) brings the configuration that it was made under, which
+    /// holds where no file is given with --config, and gives the same blades as the live run, bit for bit.
     ///
     /// Exit code 0: done, also when nothing was found; 2: bad arguments or configuration; 3: the
     /// recording is missing or not one frame of it can be read.
@@ -79,6 +88,39 @@ pub enum Verb {
         /// What to do, as TOML
         order: String,
     },
+    /// Record a sensor into an MCAP file, and say what is captured meanwhile
+    ///
+    /// Opens the sensor that `sensor.driver` names, or plays `source.recording` in its place, without a station; one that
+    /// runs records by `recordings start`. A replay of the file captures the same, bit for bit. The file can be read up to
+    /// the last second however this ends.
+    ///
+    /// Exit code 0: done; 1: OUT exists, or cannot be written; 2: bad arguments or configuration; 3: the recording that is
+    /// to be played is missing or not one frame of it can be read; 4: the sensor cannot be opened.
+    ///
+    /// Example: sward-capture record leaf.mcap --seconds 10 --set 'sensor.driver="openni2"'
+    Record(RecordArgs),
+    /// Start and stop recordings of the station that runs, save the last seconds, and keep what was recorded
+    ///
+    /// Recordings are files in `record.directory`, which replay, info and others read. Those that are not pinned go by age
+    /// and size, as `[record]` of the configuration says.
+    ///
+    /// Exit code 0: done; 1: no station answers, or it refuses; 2: bad arguments or configuration.
+    ///
+    /// Example: sward-capture recordings list
+    #[command(subcommand)]
+    Recordings(RecordingsVerb),
+    /// Measure whether a sensor, or a recording, sees well enough for blades
+    ///
+    /// For whoever mounts the camera, and before opening hours: how many pixels have a reading, how far readings lie from
+    /// a plane through their neighbours and how much they change from frame to frame (both as they are at the distance at
+    /// which blades are held), how many pixels there are across a narrow blade, how many frames come, and how many are of no
+    /// use. Each passes or fails, with what to do. Best done with nobody before the camera; nothing is captured.
+    ///
+    /// Exit code 0: all is well; 1: something is not; 2: bad arguments or configuration; 3: the recording is missing or not
+    /// one frame of it can be read; 4: the sensor cannot be opened.
+    ///
+    /// Example: sward-capture quality --set 'sensor.driver="openni2"' --blade-width-mm 4
+    Quality(QualityArgs),
     /// Rewrite a recording that was cut short into a whole one
     ///
     /// Every whole message is kept, with its topic, times, metadata and attachments.
@@ -166,134 +208,6 @@ pub enum Verb {
     },
 }
 
-/// What to do with blades.
-#[derive(Debug, Subcommand)]
-pub enum BladesVerb {
-    /// A line for each blade, in the library's order; then the files that are none, with the reason
-    ///
-    /// Example: sward-capture blades list --json
-    List(ListArgs),
-    /// All that is known of a blade, and of the blades that had its name before
-    ///
-    /// The history says what `restore` can bring back, the newest first: what was replaced, had another weight, was
-    /// renamed or removed, or went to the archive.
-    ///
-    /// Example: sward-capture blades show blade-12ab34cd
-    Show {
-        /// Name of the blade
-        name: String,
-        /// Which station, and in what form.
-        #[command(flatten)]
-        list: ListArgs,
-    },
-    /// Give a blade a name that no other has; `restore` of the old name undoes it
-    ///
-    /// Example: sward-capture blades rename blade-12ab34cd fern
-    Rename {
-        /// Name of the blade
-        name: String,
-        /// Its new name: 1 to 48 bytes, no slash, no dot or space at its beginning
-        new_name: String,
-        /// Which station.
-        #[command(flatten)]
-        station: StationArgs,
-    },
-    /// Take a blade out of the library; `restore` brings it back
-    ///
-    /// Nothing else does: a blade that was removed is not captured again, so that a recording that begins anew does not
-    /// bring it back.
-    ///
-    /// Example: sward-capture blades remove fern
-    Remove {
-        /// Name of the blade
-        name: String,
-        /// Which station.
-        #[command(flatten)]
-        station: StationArgs,
-    },
-    /// Go back to an earlier blade of a name: undo a removal, a swap, a weight or a renaming
-    ///
-    /// A blade that was removed, replaced (by a file or an import), weighted otherwise or sent to the archive comes
-    /// back as it was, with its weight. One that was renamed gets this name back, and is else as it is now. What
-    /// has the name meanwhile goes to the history, so that the same command again undoes this one. Up to 16 blades
-    /// of a name are kept; `show` lists them.
-    ///
-    /// With --all, every blade comes back whose name no blade has now: of a folder that was emptied, all.
-    ///
-    /// Example: sward-capture blades restore fern --back 2
-    Restore {
-        /// Name that the blade had
-        #[arg(required_unless_present = "all")]
-        name: Option<String>,
-        /// How many blades to go back, 1 to 100, as `show` counts them
-        #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = back)]
-        back: i64,
-        /// All that was removed, by whatever way, and is not there again
-        #[arg(long, conflicts_with_all = ["name", "back"])]
-        all: bool,
-        /// Of these, what went within the last so many seconds, 0 to 1000000000
-        #[arg(long, value_name = "S", requires = "all", conflicts_with = "name", value_parser = seconds)]
-        since: Option<Duration>,
-        /// Which station.
-        #[command(flatten)]
-        station: StationArgs,
-    },
-    /// Write blades into a file for other programs: outlines as .svg, meshes as .glb
-    ///
-    /// An SVG shows them pressed flat, side by side and true to scale, to be redrawn and imported again; a
-    /// GLB (glTF 2.0) holds them as they hang, in metres.
-    ///
-    /// Example: sward-capture blades export blades.svg fern moss
-    Export {
-        /// The file, .svg or .glb; one that is there is replaced
-        file: PathBuf,
-        /// Names of the blades [default: all]
-        names: Vec<String>,
-        /// Which station.
-        #[command(flatten)]
-        station: StationArgs,
-    },
-    /// Put blades into the library that someone has drawn: outlines in an .svg, or a blade's own .toml
-    ///
-    /// Where one of several is refused, the others are put there nevertheless.
-    ///
-    /// Each closed path of a drawing is a blade, upright with its root at the bottom; an open path inside
-    /// whose id begins with `midrib` is its midrib. A blade has one width to each side at every place of its midrib: teeth
-    /// and lobes become what is most like them so, and what they become, and how like, is said. A blade is called, in this order, by an id that somebody gave its
-    /// path, by the path's `inkscape:label`, by its `<title>`, by an id that a drawing program made up (`path846`), by
-    /// the group around it; the second of a name in one drawing gets `-2` behind it. A blade that has the name
-    /// already is replaced, and `restore` goes back to it. A .toml that is a copy of another blade's gets an id of its
-    /// own.
-    ///
-    /// Example: sward-capture blades import fern.svg --length-mm 180
-    Import {
-        /// The file, .svg or .toml
-        file: PathBuf,
-        /// Name of the blade, 1 to 48 bytes, where the file holds a single one [default: as in the file]
-        #[arg(long, allow_hyphen_values = true)]
-        name: Option<String>,
-        /// Length of each midrib, millimetres, 1 to 10000 [default: as drawn]
-        #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = length_mm)]
-        length_mm: Option<f32>,
-        /// Which station.
-        #[command(flatten)]
-        station: StationArgs,
-    },
-    /// Set how often a blade stands in the meadow, relative to the others; `restore` goes back to the weight before
-    ///
-    /// Example: sward-capture blades mix fern 2.5
-    Mix {
-        /// Name of the blade
-        name: String,
-        /// Weight of the blade, times that of the others, 0, or 1e-30 to 1000000; all have 1 at first
-        #[arg(allow_negative_numbers = true, value_parser = weight)]
-        weight: f64,
-        /// Which station.
-        #[command(flatten)]
-        station: StationArgs,
-    },
-}
-
 /// Which station to talk to.
 #[derive(Debug, Args)]
 pub struct StationArgs {
@@ -376,7 +290,7 @@ pub struct ConfigArgs {
 pub struct ReplayArgs {
     /// An MCAP file, a rosbag2 folder, a folder of 16-bit PNGs with camera.toml, or an .oni file
     pub recording: PathBuf,
-    /// Configuration.
+    /// Configuration; without a file, that which a recording of a live run was made under.
     #[command(flatten)]
     pub config: ConfigArgs,
     /// JSON Lines on stdout, and nothing else there
@@ -430,26 +344,6 @@ fn png(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     if is_png { Ok(path) } else { Err("expected a name that ends with .png".to_owned()) }
-}
-
-fn length_mm(text: &str) -> Result<f32, String> {
-    let length: f32 = text.parse().map_err(|_| "expected a number".to_owned())?;
-    if (1.0..=10_000.0).contains(&length) { Ok(length) } else { Err("expected 1 to 10000".to_owned()) }
-}
-
-fn back(text: &str) -> Result<i64, String> {
-    let back = text.parse().ok().filter(|back| (1..=100).contains(back));
-    back.ok_or_else(|| "expected a whole number of 1 to 100".to_owned())
-}
-
-fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.0..=1e9).contains(seconds));
-    seconds.map(Duration::from_secs_f64).ok_or_else(|| "expected a number of 0 to 1000000000".to_owned())
-}
-
-fn weight(text: &str) -> Result<f64, String> {
-    // Its range is the station's to say.
-    text.parse().map_err(|_| "expected 0, or a number of 1e-30 to 1000000".to_owned())
 }
 
 fn rate(text: &str) -> Result<f64, String> {

@@ -26,10 +26,12 @@ const HANGUPS: [ErrorKind; 2] = [ErrorKind::BrokenPipe, ErrorKind::ConnectionRes
 
 mod files;
 mod preview;
+mod recordings;
 mod reload;
 mod restore;
 
 pub use preview::preview;
+pub use recordings::{RecordingsVerb, recordings};
 pub use reload::reload;
 
 /// Why a station did not do what was asked. One sentence without its full stop.
@@ -398,6 +400,25 @@ fn sensor_line(status: &Status) -> String {
     )
 }
 
+/// What is recorded, if anything is or was to be.
+fn recording_lines(status: &Status) -> String {
+    let Status {
+        recording, recording_trouble, recorded_frames, unrecorded_slow, unrecorded_disk, saves, ..
+    } = status;
+    let is_idle = recording == "none" && recording_trouble == "ok";
+    let missing = unrecorded_slow + unrecorded_disk;
+    if is_idle && recorded_frames + missing + saves == 0 {
+        return String::new();
+    }
+    let trouble = if recording_trouble == "ok" { String::new() } else { format!("; {recording_trouble}") };
+    let times = counted(saves.cast_unsigned(), "time");
+    format!(
+        "recording {recording}{trouble}\n          {recorded_frames} frames were written; missing are {unrecorded_slow} \
+         that disk or processor were too slow for, and {unrecorded_disk} that the disk did not take; the last seconds \
+         were saved {times}\n"
+    )
+}
+
 fn status_page(status: &Status) -> String {
     let Status { state, source, frames, skipped_frames, dropped_frames, frames_per_second, .. } = status;
     let Status { captures, blades, generation, store, waiting, lost, refused_files, .. } = status;
@@ -430,6 +451,7 @@ fn status_page(status: &Status) -> String {
             counted(refused_files.cast_unsigned(), "file")
         );
     }
+    text += &recording_lines(status);
     let file = status.config_file.as_ref().map_or(String::new(), |file| format!(", with {file}"));
     text + &format!("clients   {clients}\nconfig    {config}{file}\nversion   {version}\n")
 }

@@ -2,7 +2,7 @@
 //! take another configuration, and end.
 
 use std::os::unix::net::UnixListener;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
@@ -19,8 +19,9 @@ use tokio::sync::{mpsc as async_mpsc, oneshot, watch};
 
 use crate::cli::ConfigArgs;
 use crate::config::{self, Config};
-use crate::frames::{self, FrameOrder, Frames, open_source};
+use crate::frames::{self, FrameOrder, Frames, NewParams, Outlets, open_source};
 use crate::keeper::{self, Announcements, Holdings, Job, Keeper, Outcome};
+use crate::recorder::{self, Told, Work};
 use crate::service::{Access, Previews, ReloadOrder, Service, Socket, passed_socket};
 use crate::store::Store;
 
@@ -104,7 +105,8 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     let mut hang_up = heed(SignalKind::hangup(), "SIGHUP")?;
     let source = open_source(&config)?;
     let socket = listen(passed, &config).await?;
-    let store = open_store(&config).await?;
+    let folder = store_folder(&config);
+    let store = open_store(&folder, &config).await?;
 
     let (library, library_seen) = watch::channel(None);
     let (holdings, holdings_seen) = watch::channel(Arc::new(Holdings::default()));
@@ -121,19 +123,17 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     let (orders, orders_come) = mpsc::sync_channel(frames::QUEUE);
     let (reload, mut reloads_come) = async_mpsc::channel::<ReloadOrder>(4);
 
+    let (recorder, inbox) = recorder::queue(false);
+    let (tell, recording) = watch::channel(Told::default());
+    let record_jobs = recorder.jobs();
+    let work = Work::new(config.recorder_settings(&folder), &description, inbox, tell);
+    let mut work = Worker::start("recorder", move || work.run())?;
     let mut keeper = Keeper::new(store, Announcements { library, holdings }, jobs.clone());
     keeper.begin();
     let mut keeper = Worker::start("store", move || keeper.run(&jobs_come))?;
     let stop = Arc::new(AtomicBool::new(false));
-    let frames = Frames::new(
-        &config,
-        status,
-        looks,
-        holdings_seen.clone(),
-        jobs.clone(),
-        orders_come,
-        Arc::clone(&stop),
-    );
+    let outlets = Outlets { status, looks, keeper: jobs.clone(), recorder };
+    let frames = Frames::new(&config, outlets, holdings_seen.clone(), orders_come, Arc::clone(&stop));
     let mut frames = Worker::start("frames", move || frames.run(source))?;
 
     let service = Service {
@@ -145,6 +145,8 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
         keeper: jobs.clone(),
         frames: orders.clone(),
         reload,
+        recorder: record_jobs.clone(),
+        recording,
         clients: Arc::default(),
     };
     let overview = service.clone();
@@ -190,6 +192,7 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
             }
             _ = &mut frames.ended => break Some("frames"),
             _ = &mut keeper.ended => break Some("store"),
+            _ = &mut work.ended => break Some("recorder"),
         }
     };
     tell_systemd(&[NotifyState::Stopping]);
@@ -198,10 +201,13 @@ async fn serve(args: &ConfigArgs, config: Config, passed: Option<UnixListener>) 
     // The keeper empties its queue: what was captured before the end is kept.
     let stopped = tokio::task::spawn_blocking(move || jobs.send(Job::Stop)).await;
     let keeper = keeper.join().await && stopped.is_ok();
+    // What was recorded gets its end.
+    let ended = tokio::task::spawn_blocking(move || record_jobs.send(recorder::Job::End)).await;
+    let work = work.join().await && ended.is_ok();
     if let Some(thread) = failed {
         anyhow::bail!("the thread of the {thread} ended by itself; see the log above");
     }
-    anyhow::ensure!(frames && keeper, "a thread panicked; see the log above");
+    anyhow::ensure!(frames && keeper && work, "a thread panicked; see the log above");
     Ok(())
 }
 
@@ -229,10 +235,14 @@ async fn listen(passed: Option<UnixListener>, config: &Config) -> anyhow::Result
     Ok(socket)
 }
 
-async fn open_store(config: &Config) -> anyhow::Result<Store> {
-    let systemds = std::env::var("STATE_DIRECTORY").ok();
-    let folder = config.store.folder(systemds.as_deref());
-    make_way_to(&folder, systemds.as_deref());
+/// The state directory.
+fn store_folder(config: &Config) -> PathBuf {
+    config.store.folder(std::env::var("STATE_DIRECTORY").ok().as_deref())
+}
+
+async fn open_store(folder: &Path, config: &Config) -> anyhow::Result<Store> {
+    make_way_to(folder, std::env::var("STATE_DIRECTORY").ok().as_deref());
+    let folder = folder.to_owned();
     let archive_max = config.store.archive_max;
     let now_us = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_micros() as u64);
     let opened = tokio::task::spawn_blocking(move || Store::open(&folder, now_us, archive_max)).await;
@@ -312,11 +322,13 @@ impl Reloader<'_> {
             source: before.source,
             sensor: before.sensor,
             store: before.store,
+            record: before.record,
             service: config::ServiceConfig { watch, change, ..before.service },
             camera: config::CameraConfig { tilt_rad, roll_rad, ..before.camera },
             ..new
         };
-        let order = FrameOrder::Params(Box::new(now.session_params()), now.capture_hash());
+        let (session, hash, toml) = (now.session_params(), now.capture_hash(), now.capture_toml());
+        let order = FrameOrder::Params(Box::new(NewParams { session, hash, toml }));
         self.orders.try_send(order).map_err(|_| StationError::Busy)?;
         self.access.send_replace(access_of(&now));
         self.config = now;

@@ -209,7 +209,7 @@ mod tests {
                 Ok(frame) => times.push(Some(frame.timestamp_ns)),
                 Err(SourceError::BadFrame(_)) => times.push(None),
                 Err(SourceError::End) => return times,
-                Err(SourceError::Failed(why) | SourceError::Interrupted(why)) => panic!("{why}"),
+                Err(other) => panic!("{other}"),
             }
         }
     }

@@ -12,18 +12,27 @@ use tokio::sync::{oneshot, watch};
 
 use crate::config::Config;
 use crate::feed::Feed;
+use crate::frame::DepthFrame;
 use crate::keeper::{Holdings, Job, Outcome};
-use crate::preview::{Look, Previewer};
+use crate::note::Note;
+use crate::preview::Previewer;
+use crate::recorder::{Cause, Recorder, Shape};
 use crate::recording::{self, OpenError};
 use crate::recurring::Recurring;
 use crate::region::RegionWatch;
 use crate::session::{Capture, Session, SessionParams};
-use crate::source::host::{Health, SensorSource};
+use crate::source::host::{Fares, Health, SensorSource};
 use crate::source::{FrameSource, SourceError};
 use crate::stages::blade::CapturedBlade;
 use crate::station::State;
 use crate::store::record::{Measured, Provenance, Record};
 use crate::visitor::Message;
+
+mod ends;
+mod watchdog;
+
+pub(crate) use self::ends::{FrameOrder, NewParams, Outlets};
+use self::watchdog::Watchdog;
 
 /// Orders that may wait for the frame thread.
 pub(crate) const QUEUE: usize = 16;
@@ -35,15 +44,6 @@ const RATE_WINDOW: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_secs(60);
 /// How long it is waited, at most, before a recording that cannot be played again is tried once more.
 const LONGEST_RETRY: Duration = Duration::from_secs(60);
-
-/// What the frame thread is asked to do.
-#[derive(Debug)]
-pub(crate) enum FrameOrder {
-    /// Capture what is held, and say what came of it.
-    Capture(oneshot::Sender<Outcome<CaptureReply>>),
-    /// Go by other parameters from the next frame on.
-    Params(Box<SessionParams>, String),
-}
 
 /// A source as the frame thread has it.
 pub(crate) type Source = Box<dyn FrameSource + Send>;
@@ -63,29 +63,6 @@ pub(crate) fn open_source(config: &Config) -> Result<Option<Source>, OpenError> 
     recording::open(path, &config.open_options()).map(Some)
 }
 
-/// Tells systemd that the loop goes on, if it wants to know.
-#[derive(Debug)]
-struct Watchdog {
-    every: Option<Duration>,
-    fed: Instant,
-}
-
-impl Watchdog {
-    fn new() -> Self {
-        let every = sd_notify::watchdog_enabled().map(|timeout| timeout / 4);
-        Self { every, fed: Instant::now() }
-    }
-
-    fn feed(&mut self) {
-        if self.every.is_some_and(|every| self.fed.elapsed() >= every) {
-            self.fed = Instant::now();
-            if let Err(error) = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]) {
-                tracing::debug!(%error, "systemd's watchdog cannot be fed");
-            }
-        }
-    }
-}
-
 /// Frames in the last second or so.
 #[derive(Debug)]
 struct Rate {
@@ -103,9 +80,12 @@ pub(crate) struct Frames {
     previewer: Previewer,
     holdings: watch::Receiver<Arc<Holdings>>,
     keeper: SyncSender<Job>,
+    recorder: Recorder,
     orders: Receiver<FrameOrder>,
     stop: Arc<AtomicBool>,
     source_name: String,
+    /// Size, unit and camera of the frames that come.
+    shape: Option<Shape>,
     has_source: bool,
     /// How the live sensor fares, if the source is one.
     health: Option<Arc<Health>>,
@@ -124,13 +104,12 @@ impl Frames {
     /// `holdings`: what was captured before; `orders`: what it is asked to do; `stop`: once true, it ends.
     pub(crate) fn new(
         config: &Config,
-        status: watch::Sender<Status>,
-        looks: watch::Sender<Option<Arc<Look>>>,
+        outlets: Outlets,
         holdings: watch::Receiver<Arc<Holdings>>,
-        keeper: SyncSender<Job>,
         orders: Receiver<FrameOrder>,
         stop: Arc<AtomicBool>,
     ) -> Self {
+        let Outlets { status, looks, keeper, recorder } = outlets;
         let params = config.session_params();
         Self {
             config: config.clone(),
@@ -141,9 +120,11 @@ impl Frames {
             previewer: Previewer::new(looks),
             holdings,
             keeper,
+            recorder,
             orders,
             stop,
             source_name: String::new(),
+            shape: None,
             has_source: false,
             health: None,
             silent_since: None,
@@ -204,6 +185,7 @@ impl Frames {
     fn play(&mut self, source: Source) -> Option<bool> {
         // A recording's clock steps back where it begins again, so the session begins anew too.
         self.session = Session::new(self.params.clone());
+        self.recorder.note(Note::Begins { captured: false });
         self.previewer.begin();
         self.source_name = source.describe();
         self.health = source.health();
@@ -232,9 +214,15 @@ impl Frames {
                     if let Some(warning) = self.region.warning(region, [frame.width, frame.height]) {
                         tracing::warn!("{warning}");
                     }
+                    let frame = Arc::new(frame);
+                    self.note_shape(&frame);
+                    self.recorder.frame(&frame, &mut self.session);
                     let capture = self.session.push(&frame).map(Arc::new);
                     let is_known = capture.as_ref().is_some_and(|capture| self.is_known(capture));
                     if let Some(capture) = &capture {
+                        if capture.steps.blades.is_empty() {
+                            self.recorder.went_wrong(Cause::Refused);
+                        }
                         self.deliver(capture);
                     } else if self.session.state() == State::Waiting {
                         self.answer(Err(StationError::NothingHeld));
@@ -243,6 +231,10 @@ impl Frames {
                     self.count_frame();
                 }
                 Ok(Err(SourceError::BadFrame(reason))) => self.count_skipped(&reason),
+                Ok(Err(SourceError::Told(note))) => {
+                    self.recorder.note(note.clone());
+                    self.session.take_note(&note);
+                }
                 Ok(Err(SourceError::Interrupted(reason))) => {
                     tracing::warn!(reason, "no frames come from the sensor; it is tried again");
                     self.begin_silence();
@@ -271,10 +263,24 @@ impl Frames {
         if self.silent_since.is_none() {
             self.silent_since = Some(Instant::now());
             self.has_source = false;
-            self.session.interrupt();
+            self.interrupt();
             self.answer(Err(StationError::NothingHeld));
+            self.recorder.went_wrong(Cause::Sensor);
         }
         self.tell_of_silence();
+    }
+
+    fn interrupt(&mut self) {
+        self.session.interrupt();
+        self.recorder.note(Note::Interrupted);
+    }
+
+    /// Frames of another size, unit or camera show something else than those before.
+    fn note_shape(&mut self, frame: &DepthFrame) {
+        let shape = Shape::of(frame);
+        if self.shape.replace(shape).is_some_and(|before| before != shape) {
+            self.interrupt();
+        }
     }
 
     /// Tells the visitor, and after a while that he should call somebody.
@@ -290,7 +296,9 @@ impl Frames {
         if self.silent_since.take().is_some() {
             self.has_source = true;
             self.previewer.begin();
-            if let Some(name) = self.health.as_ref().and_then(|health| health.now().name) {
+            let fares = self.health.as_ref().map(|health| health.now());
+            if let Some(Fares { name: Some(name), serial, .. }) = fares {
+                self.recorder.sensor(&name, serial.as_deref().unwrap_or_default());
                 self.source_name = name;
                 let source = self.source_name.clone();
                 self.status.send_modify(|status| status.source = source);
@@ -326,10 +334,12 @@ impl Frames {
             self.say_health();
             let left = due.saturating_duration_since(Instant::now());
             match self.orders.recv_timeout(left.min(TICK)) {
-                Ok(FrameOrder::Params(params, hash)) => {
-                    self.params = (*params).clone();
+                Ok(FrameOrder::Params(params)) => {
+                    let NewParams { session, hash, toml } = *params;
+                    self.params = session.clone();
                     self.config_hash.clone_from(&hash);
-                    self.session.set_params(*params);
+                    self.session.set_params(session);
+                    self.recorder.config(toml);
                     self.status.send_modify(|status| status.config = hash);
                 }
                 Ok(FrameOrder::Capture(asked)) => {
@@ -340,6 +350,7 @@ impl Frames {
                         let _ = asked.send(Err(StationError::Busy));
                     } else {
                         self.session.demand();
+                        self.recorder.note(Note::Asked);
                         self.asked = Some(asked);
                     }
                 }
@@ -359,6 +370,7 @@ impl Frames {
 
     fn count_dropped(&mut self, more: u64) {
         if more > 0 {
+            self.recorder.went_wrong(Cause::Dropped);
             self.status.send_modify(|status| status.dropped_frames += more.cast_signed());
         }
         if let Some(frames) = self.dropped.count(more) {

@@ -6,8 +6,9 @@ use capture_daemon::cli::{Cli, ConfigArgs, Verb};
 use capture_daemon::client::ClientError;
 use capture_daemon::config::{self, Config, ConfigError};
 use capture_daemon::devices::DevicesError;
+use capture_daemon::record::RecordError;
 use capture_daemon::source::host;
-use capture_daemon::{client, daemon, devices, doctor, logging, recording, replay, synth};
+use capture_daemon::{client, daemon, devices, doctor, logging, quality, record, recording, replay, synth};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
 use common::manual;
@@ -42,7 +43,7 @@ fn main() -> ExitCode {
 fn perform(verb: &Verb) -> anyhow::Result<()> {
     match verb {
         Verb::Run(args) => daemon::run(args),
-        Verb::Replay(args) => replay::replay(args, &load(&args.config)?),
+        Verb::Replay(args) => replay::replay(args, &replay::configure(args)?),
         Verb::Synth(args) => {
             let mut paths = String::new();
             for path in synth::run(args)? {
@@ -65,6 +66,9 @@ fn perform(verb: &Verb) -> anyhow::Result<()> {
             let (messages, images) = (recovered.messages, recovered.images);
             Ok(print(&format!("{}: {messages} messages, {images} of them images\n", args.out.display()))?)
         }
+        Verb::Record(args) => record::record(args, &load(&args.config)?),
+        Verb::Recordings(verb) => client::recordings(verb),
+        Verb::Quality(args) => quality::quality(args, &load(&args.config)?),
         Verb::Devices(args) => devices::devices(args),
         Verb::SensorProcess { order } => host::work(order),
         Verb::CheckConfig(args) => {
@@ -95,13 +99,14 @@ fn load(args: &ConfigArgs) -> anyhow::Result<Config> {
 
 fn exit_code(error: &anyhow::Error) -> u8 {
     let refused = error.downcast_ref::<ClientError>();
-    if error.is::<ConfigError>() || refused.is_some_and(ClientError::is_bad_argument) {
+    let no_source = matches!(error.downcast_ref(), Some(RecordError::NoSource));
+    if no_source || error.is::<ConfigError>() || refused.is_some_and(ClientError::is_bad_argument) {
         BAD_ARGUMENTS
     } else if error.is::<recording::OpenError>()
         || matches!(error.downcast_ref(), Some(recording::RecoverError::Open(_)))
     {
         BAD_RECORDING
-    } else if error.is::<DevicesError>() {
+    } else if error.is::<DevicesError>() || matches!(error.downcast_ref(), Some(RecordError::Sensor(_))) {
         BAD_SENSOR
     } else {
         FAILED

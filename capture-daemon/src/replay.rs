@@ -9,9 +9,10 @@ use common::library::{encode, layout::MAX_BLADES, library_hash};
 use common::sentence::counted;
 use serde_json::{Value, json};
 
-use crate::cli::ReplayArgs;
-use crate::config::Config;
+use crate::cli::{ConfigArgs, ReplayArgs};
+use crate::config::{self, Config, ConfigError};
 use crate::explain;
+use crate::note::Note;
 use crate::recording;
 use crate::region::RegionWatch;
 use crate::session::{Capture, Session};
@@ -84,6 +85,10 @@ fn play(
     loop {
         let frame = match source.next_frame() {
             Ok(frame) => frame,
+            Err(SourceError::Told(note)) => {
+                take_note(&mut session, &note, &args.config)?;
+                continue;
+            }
             Err(SourceError::End) => break,
             Err(SourceError::BadFrame(reason) | SourceError::Interrupted(reason)) => {
                 tracing::debug!(reason, "a frame was skipped");
@@ -117,14 +122,42 @@ fn play(
     if skipped > 0 {
         tracing::warn!(skipped, first = first_skipped, "frames were skipped: they cannot be read or used");
     }
-    let kept = &blades[blades.len().saturating_sub(MAX_BLADES)..];
-    let library = encode(0, kept).context("the library cannot be written")?;
-    out.end(session.frames(), captures, blades.len(), skipped, &library_hash(&library))
+    out.end(session.frames(), captures, &blades, skipped)
 }
 
-struct Output<W> {
-    json: bool,
-    to: W,
+/// Does what the session was told where it was recorded. Another configuration holds unless a file was given in its place.
+fn take_note(session: &mut Session, note: &Note, args: &ConfigArgs) -> anyhow::Result<()> {
+    match note {
+        Note::Config { toml } if args.config.is_none() => {
+            session.set_params(config::load_recorded(Some(toml), None, &args.sets)?.session_params());
+        }
+        Note::Dropped { frames } => {
+            tracing::warn!(
+                frames,
+                "frames that the station saw are missing here: it may have captured something else"
+            );
+        }
+        _ => session.take_note(note),
+    }
+    Ok(())
+}
+
+/// The configuration of a replay: what the recording was made under, where it is of a live run and no file is given.
+///
+/// # Errors
+/// What is wrong, as [`config::load`] says it.
+pub fn configure(args: &ReplayArgs) -> Result<Config, ConfigError> {
+    let ConfigArgs { config, sets } = &args.config;
+    let recorded = config.is_none().then(|| recording::recorded_config(&args.recording)).flatten();
+    config::load_recorded(recorded.as_deref(), config.as_deref(), sets)
+}
+
+/// What is found, on its way to stdout.
+pub(crate) struct Output<W> {
+    /// JSON Lines.
+    pub(crate) json: bool,
+    /// Where to.
+    pub(crate) to: W,
 }
 
 impl<W: Write> Output<W> {
@@ -133,7 +166,8 @@ impl<W: Write> Output<W> {
         self.to.flush()
     }
 
-    fn capture(&mut self, capture: &Capture) -> io::Result<()> {
+    /// What a capture found.
+    pub(crate) fn capture(&mut self, capture: &Capture) -> io::Result<()> {
         for blade in &capture.steps.blades {
             if self.json {
                 self.line(&blade_event(capture, blade))?;
@@ -162,14 +196,17 @@ impl<W: Write> Output<W> {
         if self.json { Ok(()) } else { writeln!(self.to, "{}", path.display()) }
     }
 
-    fn end(
+    /// That it is over: so many frames, captures and skipped frames, and all blades.
+    pub(crate) fn end(
         &mut self,
         frames: u64,
         captures: u32,
-        blades: usize,
+        blades: &[Blade],
         skipped: u64,
-        hash: &str,
     ) -> anyhow::Result<()> {
+        let kept = &blades[blades.len().saturating_sub(MAX_BLADES)..];
+        let library = encode(0, kept).context("the library cannot be written")?;
+        let (blades, hash) = (blades.len(), library_hash(&library));
         if self.json {
             self.line(&json!({
                 "event": "end", "frames": frames, "captures": captures, "blades": blades,

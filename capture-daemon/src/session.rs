@@ -2,6 +2,7 @@
 //! daemon; it knows no clock but the frames' own.
 
 use crate::frame::DepthFrame;
+use crate::note::Note;
 use crate::pipeline::{self, PipelineParams, Steps};
 use crate::stages::accumulate::Accumulation;
 use crate::stages::blade::Refusal;
@@ -39,7 +40,12 @@ pub struct Session {
     frames: u64,
     /// Someone has asked for a capture before the hold is over.
     is_due: bool,
+    /// Time of the last frame.
+    last_ns: Option<u64>,
 }
+
+/// No sensor is that slow, nanoseconds: its clock was set forth, or frames lack. A hold is not over by that.
+const GAP_NS: u64 = 10_000_000_000;
 
 impl Session {
     /// A session that has seen nothing.
@@ -52,6 +58,11 @@ impl Session {
     pub fn push(&mut self, frame: &DepthFrame) -> Option<Capture> {
         let index = self.frames;
         self.frames += 1;
+        let elapsed_ns =
+            self.last_ns.replace(frame.timestamp_ns).map(|last| frame.timestamp_ns.saturating_sub(last));
+        if elapsed_ns.is_some_and(|elapsed| elapsed > GAP_NS) {
+            self.interrupt();
+        }
         let PipelineParams { mask, .. } = &self.params.pipeline;
         if self.held.as_ref().is_some_and(|held| !held.fits(frame)) {
             self.held = None;
@@ -103,6 +114,26 @@ impl Session {
         self.outside.interrupt();
         if matches!(self.state, State::Settling { .. }) {
             self.state = State::Waiting;
+        }
+    }
+
+    /// What a session can begin with that captures from the next frame on what this one does; `None` while a hold runs,
+    /// which the frames before the next one are part of.
+    pub fn checkpoint(&self) -> Option<Note> {
+        let is_holding = self.is_due || matches!(self.state, State::Settling { .. });
+        (!is_holding).then(|| Note::Begins { captured: self.state == State::Captured })
+    }
+
+    /// Does what a recording says that the session was told. Of another configuration its owner has to see to it.
+    pub fn take_note(&mut self, note: &Note) {
+        match note {
+            Note::Begins { captured } => {
+                let state = if *captured { State::Captured } else { State::Waiting };
+                *self = Self { state, frames: self.frames, ..Self::new(self.params.clone()) };
+            }
+            Note::Interrupted => self.interrupt(),
+            Note::Asked => self.demand(),
+            Note::Config { .. } | Note::Dropped { .. } => {}
         }
     }
 
@@ -201,6 +232,51 @@ mod tests {
         };
         assert_eq!(interrupted(10), [26]);
         assert_eq!(interrupted(20), [16]);
+    }
+
+    #[test]
+    fn a_clock_that_steps_does_not_end_a_hold() {
+        for (step_ns, expected) in [(0, 16), (3_600_000_000_000, 26), (-500_000_000, 26)] {
+            let mut session = Session::default();
+            let captured = (0..60).find(|index| {
+                let mut frame = bar::frame(*index, Some(500), 1300);
+                frame.timestamp_ns += 1_000_000_000;
+                if *index >= 10 {
+                    frame.timestamp_ns = frame.timestamp_ns.saturating_add_signed(step_ns);
+                }
+                session.push(&frame).is_some()
+            });
+            assert_eq!(captured, Some(expected), "a step of {step_ns} ns");
+        }
+    }
+
+    #[test]
+    fn a_session_goes_on_from_a_checkpoint_as_the_one_before() {
+        // Held from frame 10 on, gone from 40 to 45, and held again.
+        let held = |index: u64| ((10..40).contains(&index) || index >= 45).then_some(500);
+        let run = |from: u64, begins: Option<&Note>| {
+            let mut session = Session::default();
+            begins.iter().for_each(|note| session.take_note(note));
+            let mut captured = Vec::new();
+            let mut checkpoints = Vec::new();
+            for index in from..80 {
+                checkpoints.push(session.checkpoint());
+                let capture = session.push(&bar::frame(index, held(index), 1300));
+                captured.extend(capture.map(|capture| (capture.timestamp_ns, capture.steps.blades)));
+            }
+            (captured, checkpoints)
+        };
+        let (all, checkpoints) = run(0, None);
+        assert_eq!(all.len(), 2);
+        for (from, begins) in (0..).zip(&checkpoints) {
+            let is_held = (11..=26).contains(&from) || (46..=61).contains(&from);
+            assert_eq!(begins.is_none(), is_held, "frame {from}");
+            if let Some(begins) = begins {
+                let later = bar::frame(from, None, 1300).timestamp_ns;
+                let expected: Vec<_> = all.iter().filter(|capture| capture.0 > later).cloned().collect();
+                assert_eq!(run(from, Some(begins)).0, expected, "from frame {from}");
+            }
+        }
     }
 
     #[test]

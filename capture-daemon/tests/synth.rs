@@ -354,7 +354,8 @@ fn a_shipped_recording_is_made_again_bit_for_bit() {
         toml::from_str(&entry("config")).expect("a configuration; `make recordings` mends it");
     assert_eq!(config.refine.knots, 16);
     let (sensor, serial) = (entry("sensor"), entry("serial"));
-    let params = RecordingParams { sensor, serial, config: entry("config"), compression_level: 19 };
+    let params =
+        RecordingParams { sensor, serial, config: entry("config"), compression_level: 19, is_live: false };
     let clip = clip(Family::Single, 5, ClipParams { noise: 0.0, frames: 24, ..ClipParams::default() });
     let mut writer = McapWriter::new(std::io::Cursor::new(Vec::new()), params).expect("in memory");
     clip.frames().for_each(|frame| writer.write(&frame).expect("in memory"));

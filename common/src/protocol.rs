@@ -3,6 +3,10 @@
 use serde::{Deserialize, Serialize};
 use zlink_core::introspect;
 
+mod error;
+
+pub use self::error::StationError;
+
 /// The interface in varlink's own language.
 pub const DEFINITION: &str = include_str!("io.sward.Station.varlink");
 /// Largest snapshot that a receiver accepts: header, 4096 records, 4096 × 64 knots.
@@ -81,6 +85,18 @@ pub struct Status {
     pub lost_frames: i64,
     /// `ok`, or why blades cannot be written at present.
     pub store: String,
+    /// `none`, or the name of the recording that is being written.
+    pub recording: String,
+    /// `ok`, or why nothing can be recorded at present.
+    pub recording_trouble: String,
+    /// Frames that were written to recordings.
+    pub recorded_frames: i64,
+    /// Frames missing there since disk or processor do not keep up.
+    pub unrecorded_slow: i64,
+    /// Frames missing there since the disk is full or broken.
+    pub unrecorded_disk: i64,
+    /// How often the last seconds were saved.
+    pub saves: i64,
     /// Captured blades that are announced as soon as they can be written.
     pub waiting: i64,
     /// Captured blades that found no room.
@@ -118,6 +134,12 @@ impl Status {
             sensor_failures: 0,
             lost_frames: 0,
             store: "ok".to_owned(),
+            recording: "none".to_owned(),
+            recording_trouble: "ok".to_owned(),
+            recorded_frames: 0,
+            unrecorded_slow: 0,
+            unrecorded_disk: 0,
+            saves: 0,
             waiting: 0,
             lost: 0,
             refused_files: 0,
@@ -185,6 +207,50 @@ pub struct RefusedFile {
     pub reason: String,
 }
 
+/// A recording that the station made.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, introspect::CustomType)]
+#[zlink(crate = "zlink_core")]
+pub struct Recording {
+    /// Its name.
+    pub name: String,
+    /// Its size.
+    pub bytes: i64,
+    /// When it was last written, nanoseconds since 1970.
+    pub written_unix_ns: i64,
+    /// It does not go by itself.
+    pub pinned: bool,
+    /// It is being written.
+    pub writing: bool,
+}
+
+/// The reply of `ListRecordings`.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct ListRecordingsReply {
+    /// The oldest first.
+    pub recordings: Vec<Recording>,
+}
+
+/// The reply of `StartRecording` and `SaveRecording`.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct RecordingName {
+    /// What the recording is called.
+    pub name: String,
+}
+
+/// The reply of `StopRecording`.
+#[derive(Clone, Debug, PartialEq, Eq, Default, Serialize, Deserialize, introspect::Type)]
+#[zlink(crate = "zlink_core")]
+pub struct RecordingEnd {
+    /// What the recording is called.
+    pub name: String,
+    /// Frames of its file.
+    pub frames: i64,
+    /// Bytes of its file.
+    pub bytes: i64,
+}
+
 /// The reply of `ListBlades`.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize, introspect::Type)]
 #[zlink(crate = "zlink_core")]
@@ -239,147 +305,6 @@ pub struct GetStatusReply {
     pub status: Status,
 }
 
-/// The errors of the interface.
-#[derive(Clone, Debug, PartialEq, zlink_core::ReplyError, introspect::ReplyError)]
-#[zlink(interface = "io.sward.Station", crate = "zlink_core")]
-pub enum StationError {
-    /// `after` was below zero.
-    InvalidGeneration {
-        /// What was sent.
-        after: i64,
-    },
-    /// `after` of a preview was below zero.
-    InvalidSequence {
-        /// What was sent.
-        after: i64,
-    },
-    /// The station has no file descriptor or no memory left for the reply; try again.
-    OutOfDescriptors,
-    /// There is no blade of this name.
-    NoSuchBlade {
-        /// What was sent.
-        name: String,
-    },
-    /// Another blade has this name, or the id of the one to be restored.
-    NameTaken {
-        /// The other blade.
-        name: String,
-    },
-    /// No blade can have this name.
-    InvalidName {
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// The weight was below zero or too large.
-    InvalidMix {
-        /// What was sent.
-        mix: f64,
-    },
-    /// There is no earlier blade of this name, or not so far back.
-    NothingToRestore {
-        /// What was sent.
-        name: String,
-    },
-    /// The blade's file was edited and is not valid.
-    FileRefused {
-        /// File, line, column, and what is wrong.
-        reason: String,
-    },
-    /// The disk is full, read-only or broken, or all blades of a full library are pinned.
-    StoreTrouble {
-        /// What the system said.
-        reason: String,
-    },
-    /// What was captured is not on disk yet, and comes by itself.
-    CaptureWaits {
-        /// Blades of this capture that are in the library.
-        names: Vec<String>,
-        /// Blades of this capture that wait.
-        waiting: i64,
-        /// What the system said.
-        reason: String,
-    },
-    /// Nothing is held before the camera, or it went away before it was captured.
-    NothingHeld,
-    /// No frames come.
-    NoFrames,
-    /// The configuration is not valid; the old one stays.
-    InvalidConfig {
-        /// File, line, column, and what is wrong.
-        reason: String,
-    },
-    /// Too much is asked of the station at once; try again.
-    Busy,
-    /// The station serves as many connections as it may; this one is closed.
-    TooManyConnections {
-        /// How many this user may have.
-        limit: i64,
-    },
-    /// The message was no JSON object; the connection is closed.
-    NotAMessage,
-    /// The message was too long to be read; the connection is closed.
-    MessageTooLong {
-        /// Longest message, bytes.
-        limit: i64,
-    },
-}
-
-impl std::fmt::Display for StationError {
-    /// What it means and what to do; no full stop.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::InvalidGeneration { after } => write!(f, "the generation {after} is below zero"),
-            Self::InvalidSequence { after } => write!(f, "the sequence number {after} is below zero"),
-            Self::OutOfDescriptors => {
-                f.write_str("the station has no file descriptor or no memory left; try again")
-            }
-            Self::NoSuchBlade { name } => {
-                write!(f, "there is no blade {name:?}; sward-capture blades list shows what there is")
-            }
-            Self::NameTaken { name } => {
-                write!(
-                    f,
-                    "there is a blade {name:?} already; rename or remove it first, or choose another name"
-                )
-            }
-            Self::InvalidName { reason } | Self::FileRefused { reason } | Self::InvalidConfig { reason } => {
-                f.write_str(reason)
-            }
-            Self::InvalidMix { mix } => {
-                write!(f, "the mix weight is {mix:?}, expected 0, or a number of 1e-30 to 1000000")
-            }
-            Self::NothingToRestore { name } => write!(
-                f,
-                "there is no earlier blade {name:?}, or not so many; sward-capture blades show lists what there is"
-            ),
-            Self::StoreTrouble { reason } => {
-                write!(
-                    f,
-                    "the store cannot do it: {reason}; nothing has changed, try again when that is mended"
-                )
-            }
-            Self::CaptureWaits { waiting, reason, .. } => write!(
-                f,
-                "{} captured, and cannot be kept yet: {reason}; it is tried again every second and comes by itself when that is mended",
-                if *waiting == 1 { "1 blade is".to_owned() } else { format!("{waiting} blades are") }
-            ),
-            Self::NothingHeld => {
-                f.write_str("nothing is held before the camera; hold something up and try again")
-            }
-            Self::NoFrames => f.write_str("no frames come: there is no sensor, or the recording is over"),
-            Self::Busy => f.write_str("the station is busy; try again"),
-            Self::TooManyConnections { limit } => write!(
-                f,
-                "the station has as many connections as it may, {limit} for this user; close some, or raise service.max_connections and start it anew"
-            ),
-            Self::NotAMessage => f.write_str("the message is no JSON object, expected a call of varlink"),
-            Self::MessageTooLong { limit } => {
-                write!(f, "the message is too long for the station, expected {limit} bytes at most")
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
@@ -410,9 +335,13 @@ mod tests {
     fn the_types_are_those_of_the_file() {
         let members = members();
         let mut known = BTreeSet::new();
-        for custom in
-            [Status::CUSTOM_TYPE, Blade::CUSTOM_TYPE, EarlierBlade::CUSTOM_TYPE, RefusedFile::CUSTOM_TYPE]
-        {
+        for custom in [
+            Status::CUSTOM_TYPE,
+            Blade::CUSTOM_TYPE,
+            EarlierBlade::CUSTOM_TYPE,
+            RefusedFile::CUSTOM_TYPE,
+            Recording::CUSTOM_TYPE,
+        ] {
             known.insert(bare(&custom.to_string()));
         }
         for error in StationError::VARIANTS {
@@ -425,6 +354,10 @@ mod tests {
             ("ListBlades()", ListBladesReply::TYPE),
             ("ListHistory(name:string)", ListHistoryReply::TYPE),
             ("ListRemoved()", ListRemovedReply::TYPE),
+            ("StartRecording()", RecordingName::TYPE),
+            ("StopRecording()", RecordingEnd::TYPE),
+            ("SaveRecording()", RecordingName::TYPE),
+            ("ListRecordings()", ListRecordingsReply::TYPE),
             ("Capture()", CaptureReply::TYPE),
             ("Reload()", ReloadReply::TYPE),
         ] {
@@ -437,6 +370,8 @@ mod tests {
         ] {
             known.insert(format!("method{call}->()"));
         }
+        known.insert("methodPinRecording(name:string,pinned:bool)->()".to_owned());
+        known.insert("methodRemoveRecording(name:string)->()".to_owned());
         known.insert("methodRemoveBlade(name:string)->()".to_owned());
         known.insert("methodRestoreBlade(name:string,back:?int)->()".to_owned());
         assert_eq!(known, members);

@@ -6,8 +6,8 @@ use std::os::fd::OwnedFd;
 use crate::library::{Snapshot, SnapshotError};
 use crate::preview::{self, PreviewError};
 use crate::protocol::{
-    GetStatusReply, Library, ListBladesReply, ListHistoryReply, ListRemovedReply, MAX_SNAPSHOT_BYTES,
-    Preview, ReloadReply, StationError,
+    GetStatusReply, Library, ListBladesReply, ListHistoryReply, ListRecordingsReply, ListRemovedReply,
+    MAX_SNAPSHOT_BYTES, Preview, RecordingEnd, RecordingName, ReloadReply, StationError,
 };
 use crate::sealed::{SealedBytes, SealedError};
 
@@ -37,6 +37,22 @@ pub trait StationProxy {
     ) -> zlink_core::Result<Result<ListHistoryReply, StationError>>;
     /// What names that no blade has now would go back to.
     async fn list_removed(&mut self) -> zlink_core::Result<Result<ListRemovedReply, StationError>>;
+    /// Records from now on.
+    async fn start_recording(&mut self) -> zlink_core::Result<Result<RecordingName, StationError>>;
+    /// Ends the recording.
+    async fn stop_recording(&mut self) -> zlink_core::Result<Result<RecordingEnd, StationError>>;
+    /// Saves the last seconds.
+    async fn save_recording(&mut self) -> zlink_core::Result<Result<RecordingName, StationError>>;
+    /// What recordings there are.
+    async fn list_recordings(&mut self) -> zlink_core::Result<Result<ListRecordingsReply, StationError>>;
+    /// Has a recording stay, or no longer.
+    async fn pin_recording(
+        &mut self,
+        name: &str,
+        pinned: bool,
+    ) -> zlink_core::Result<Result<(), StationError>>;
+    /// Removes a recording.
+    async fn remove_recording(&mut self, name: &str) -> zlink_core::Result<Result<(), StationError>>;
     /// Has the configuration read again.
     async fn reload(&mut self) -> zlink_core::Result<Result<ReloadReply, StationError>>;
     /// Sets how often a blade stands in the meadow.

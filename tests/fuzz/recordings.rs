@@ -115,6 +115,7 @@ fn read(path: &Path, options: &OpenOptions) -> Result<(Vec<DepthFrame>, Vec<Stri
                 frames.push(frame);
             }
             Err(SourceError::BadFrame(why)) => skipped.push(why),
+            Err(SourceError::Told(_)) => {}
             Err(SourceError::End) => break,
             Err(SourceError::Failed(why) | SourceError::Interrupted(why)) => {
                 panic!("a file that is not touched can be read: {why}")

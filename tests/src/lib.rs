@@ -2,6 +2,7 @@
 
 pub mod conformance;
 pub mod daemon;
+pub mod faulty;
 pub mod log;
 pub mod oni;
 pub mod openni2;

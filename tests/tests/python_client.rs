@@ -29,7 +29,12 @@ fn python_calls_every_method() {
     fs::create_dir_all(&blades).expect("room");
     let fern = "format = 1\nknots = [\n  { position_m = [0.0, 0.0, 0.0], half_width_m = [0.004, 0.004] },\n  { position_m = [0.0, 0.2, 0.0], half_width_m = [0.0, 0.0] },\n]\n";
     fs::write(blades.join("fern.toml"), fern).expect("room");
-    let settings = [("capture.hold_s", "60.0".to_owned()), ("source.loop", "true".to_owned())];
+    let settings = [
+        ("capture.hold_s", "60.0".to_owned()),
+        ("source.loop", "true".to_owned()),
+        ("record.ring_s", "5.0".to_owned()),
+        ("record.reserve_mb", "0.0".to_owned()),
+    ];
     let daemon = Daemon::start_in(folder, &settings);
     let socket = daemon.socket();
     let called = python(&["call", socket.to_str().expect("UTF-8")]).expect("it ran before");

@@ -20,7 +20,7 @@ pub(crate) fn times(held: &[DepthFrame]) -> anyhow::Result<()> {
     let capture = held.iter().find_map(|frame| session.push(frame)).context("nothing is captured")?;
     let look = |state, shown| Look {
         sequence: 1,
-        frame: Some((0, held[0].clone())),
+        frame: Some((0, Arc::new(held[0].clone()))),
         mask: params.pipeline.mask.clone(),
         state,
         hold: 1.0,

@@ -42,6 +42,20 @@ pub fn load(file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError>
     read(file, sets).map(|(config, _)| config)
 }
 
+/// The same over the configuration that a recording of a live run was made under, where no file is given.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_recorded(
+    recorded: Option<&str>,
+    file: Option<&Path>,
+    sets: &[String],
+) -> Result<Config, ConfigError> {
+    let recorded = recorded.filter(|_| file.is_none());
+    let document = recorded.map(|text| Document { origin: Origin::Recording, text: text.to_owned() });
+    read_over(document, file, sets).map(|(config, _)| config)
+}
+
 /// The same, and what is odd in it on this machine, with file, line and column: users and groups in `service.watch` and
 /// `service.change` that there are not. They are no errors, since the machine that it is for may have them.
 ///
@@ -66,7 +80,16 @@ pub fn check(file: Option<&Path>, sets: &[String]) -> Result<(Config, Vec<String
 }
 
 fn read(file: Option<&Path>, sets: &[String]) -> Result<(Config, Vec<Document>), ConfigError> {
-    let mut documents = Vec::new();
+    read_over(None, file, sets)
+}
+
+/// `first`: below all others.
+fn read_over(
+    first: Option<Document>,
+    file: Option<&Path>,
+    sets: &[String],
+) -> Result<(Config, Vec<Document>), ConfigError> {
+    let mut documents: Vec<Document> = first.into_iter().collect();
     if let Some(path) = file {
         let unreadable = |reason: std::io::Error| ConfigError::Unreadable {
             path: path.display().to_string(),
@@ -142,6 +165,7 @@ fn refused(documents: &[Document], key: &str, expected: &str) -> ConfigError {
 }
 
 enum Origin {
+    Recording,
     File(PathBuf),
     Set(String),
 }
@@ -157,6 +181,7 @@ impl Document {
         let line = before.matches('\n').count() + 1;
         let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
         match &self.origin {
+            Origin::Recording => format!("the configuration in the recording:{line}:{column}"),
             Origin::File(path) => format!("{}:{line}:{column}", path.display()),
             Origin::Set(argument) => format!("--set '{}', column {column}", shown(argument)),
         }

@@ -6,6 +6,7 @@
 mod load;
 pub mod manual;
 mod range;
+mod record;
 
 use std::path::PathBuf;
 
@@ -22,7 +23,8 @@ use crate::stages::mask::MaskParams;
 use crate::station::StationParams;
 
 pub(crate) use load::is_known;
-pub use load::{ConfigError, check, load};
+pub use load::{ConfigError, check, load, load_recorded};
+pub use record::RecordConfig;
 
 /// All keys, with their defaults. `capture-daemon.toml` documents each.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
@@ -44,6 +46,8 @@ pub struct Config {
     pub refine: RefineConfig,
     /// `[store]`
     pub store: StoreConfig,
+    /// `[record]`
+    pub record: RecordConfig,
     /// `[service]`
     pub service: ServiceConfig,
 }
@@ -121,6 +125,8 @@ pub enum SensorDriver {
     OpenNi2,
     /// The kernel.
     V4l2,
+    /// A recording with the faults of a script.
+    Faulty,
 }
 
 impl SensorDriver {
@@ -129,6 +135,7 @@ impl SensorDriver {
         match self {
             Self::OpenNi2 => "OpenNI2",
             Self::V4l2 => "V4L2",
+            Self::Faulty => "faulty",
         }
     }
 }
@@ -319,6 +326,13 @@ impl Config {
     /// All keys that have a value, as TOML.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("numbers, texts and paths in UTF-8 can be written as TOML")
+    }
+
+    /// The sections that a capture goes by, as TOML: what a recording of a live run is made under.
+    pub fn capture_toml(&self) -> String {
+        let mut table: toml::Table = toml::from_str(&self.to_toml()).expect("it was written as TOML");
+        table.retain(|section, _| ["camera", "mask", "capture", "blade", "refine"].contains(&section));
+        toml::to_string(&table).expect("it was TOML")
     }
 
     /// Hex of the first 8 bytes of BLAKE3 over the keys that a capture goes by: those of the camera, the

@@ -15,7 +15,7 @@ pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     fn within(key: &'static str, value: f64, range: RangeInclusive<f64>) -> Option<(&'static str, String)> {
         (!range.contains(&value)).then(|| (key, format!("{} to {}", range.start(), range.end())))
     }
-    let Config { source, sensor, camera, mask, capture, blade, refine, store, service } = config;
+    let Config { source, sensor, camera, mask, capture, blade, refine, store, record, service } = config;
     let focal = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0..=100_000.0));
     let centre = |key, value: Option<f64>| value.and_then(|value| within(key, value, -10_000.0..=10_000.0));
     let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
@@ -33,6 +33,8 @@ pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
     let directory = || Some(("store.directory", "the path of a folder".to_owned()));
     let is_none = |path: &Path| path.as_os_str().is_empty() || path.as_os_str().as_bytes().contains(&0);
     let no_directory = store.directory.as_deref().is_some_and(is_none);
+    let recordings = || Some(("record.directory", "the path of a folder".to_owned()));
+    let no_recordings = record.directory.as_deref().is_some_and(is_none);
     let no_socket = is_none(&service.socket) || service.socket.as_os_str().len() > MAX_SOCKET_BYTES;
     let who = |key, list: &[String]| {
         let odd = list.iter().any(|entry| entry.is_empty() || entry == "@");
@@ -57,6 +59,13 @@ pub(super) fn out_of_range(config: &Config) -> Option<(&'static str, String)> {
         .or_else(|| is_none(&sensor.openni2_library).then(library).flatten())
         .or_else(|| no_directory.then(directory).flatten())
         .or_else(|| within("store.archive_max", store.archive_max as f64, 0.0..=100_000.0))
+        .or_else(|| no_recordings.then(recordings).flatten())
+        .or_else(|| within("record.file_s", record.file_s, 10.0..=86_400.0))
+        .or_else(|| within("record.ring_s", record.ring_s, 0.0..=600.0))
+        .or_else(|| within("record.ring_max_mb", record.ring_max_mb, 1.0..=16_000.0))
+        .or_else(|| within("record.reserve_mb", record.reserve_mb, 0.0..=10_000_000.0))
+        .or_else(|| within("record.max_mb", record.max_mb, 0.0..=100_000_000.0))
+        .or_else(|| within("record.max_age_days", record.max_age_days, 0.0..=36_500.0))
         .or_else(|| (service.socket_mode > 0o777).then(mode).flatten())
         .or_else(|| who("service.watch", &service.watch))
         .or_else(|| who("service.change", &service.change))

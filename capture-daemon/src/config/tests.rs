@@ -101,6 +101,27 @@ fn who_is_not_known_here_is_warned_of_with_line_and_column() {
 }
 
 #[test]
+fn what_a_recording_was_made_under_holds_below_all_that_is_given() {
+    let made = Config { refine: RefineConfig { knots: 9, ..RefineConfig::default() }, ..Config::default() };
+    let recorded = made.capture_toml();
+    assert!(!recorded.contains("socket") && recorded.contains("knots = 9"), "{recorded}");
+    let load = |file: Option<&std::path::Path>, sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        load_recorded(Some(&recorded), file, &sets).map_err(|error| error.to_string())
+    };
+    assert_eq!(load(None, &[]), Ok(made));
+    let over = load(None, &["refine.knots=5"]).expect("valid");
+    assert_eq!(over.refine.knots, 5);
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("c.toml");
+    std::fs::write(&path, "mask.far_m = 0.8\n").expect("it is writable");
+    let instead = load(Some(&path), &[]).expect("valid");
+    assert_eq!((instead.refine.knots, instead.mask.far_m), (16, 0.8));
+    let odd = load_recorded(Some("[mask]\nfarther_m = 1.0\n"), None, &[]).expect_err("invalid").to_string();
+    assert!(odd.starts_with("the configuration in the recording:2:1: unknown key"), "{odd}");
+}
+
+#[test]
 fn set_wins_over_the_file() {
     let config = check("[mask]\nnear_m = 0.4\nfar_m = 0.8\n", &["mask.near_m=0.5"]).expect("valid");
     assert_eq!((config.mask.near_m, config.mask.far_m), (0.5, 0.8));

@@ -34,6 +34,7 @@ pub(super) fn first_frame(config: &Config, played: Option<&str>, deadline: Durat
             match source.next_frame() {
                 Ok(frame) => return Ok((frame.width, frame.height, skipped)),
                 Err(SourceError::BadFrame(_) | SourceError::Interrupted(_)) => skipped += 1,
+                Err(SourceError::Told(_)) => {}
                 Err(error) => return Err(format!("not one frame can be read: {error}")),
             }
         }

@@ -29,7 +29,7 @@ pub struct Look {
     /// Number of the look, from 1.
     pub sequence: u64,
     /// The frame and its index in its source; `None`: no frames come.
-    pub frame: Option<(u64, DepthFrame)>,
+    pub frame: Option<(u64, Arc<DepthFrame>)>,
     /// What counted as held before the camera.
     pub mask: MaskParams,
     /// What the station does.
@@ -346,7 +346,7 @@ impl Previewer {
     /// were captured before. O(1).
     pub(crate) fn frame(
         &mut self,
-        frame: DepthFrame,
+        frame: Arc<DepthFrame>,
         session: &Session,
         capture: Option<Arc<Capture>>,
         is_known: bool,

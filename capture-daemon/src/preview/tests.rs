@@ -21,7 +21,7 @@ fn looks(frames: u64, depth_unit_m: f64) -> Vec<Arc<Look>> {
     let look = |index| {
         let frame = frame(index, depth_unit_m);
         let capture = session.push(&frame).map(Arc::new);
-        previewer.frame(frame, &session, capture, false);
+        previewer.frame(Arc::new(frame), &session, capture, false);
         seen.borrow().clone().expect("it is shown")
     };
     (0..frames).map(look).collect()
@@ -93,7 +93,7 @@ fn what_is_taken_away_is_shown_where_it_is() {
         }
         let capture = session.push(&frame).map(Arc::new);
         let depth = frame.depth.clone();
-        previewer.frame(frame, &session, capture, false);
+        previewer.frame(Arc::new(frame), &session, capture, false);
         let preview = read(seen.borrow().as_ref().expect("it is shown"));
         assert_eq!(preview.header().capture.is_some(), index >= 16);
         let is_blade = |at: usize| depth[at] == 500;
@@ -134,7 +134,7 @@ fn a_frame_of_another_size_is_shown_without_the_capture() {
     let look = looks(17, 0.001).pop().expect("a look");
     let (width, height) = (80, 60);
     let small = DepthFrame { width, height, depth: vec![500; width * height], ..frame(17, 0.001) };
-    let preview = read(&Look { frame: Some((17, small)), ..Look::clone(&look) });
+    let preview = read(&Look { frame: Some((17, Arc::new(small))), ..Look::clone(&look) });
     assert_eq!(preview.header().width, 80);
     assert!(preview.polylines().all(|line| line.kind() == PolylineKind::Contour));
     assert!(preview.labels().iter().all(|label| *label == 0));

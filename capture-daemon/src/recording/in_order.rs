@@ -86,7 +86,7 @@ impl<S: FrameSource> FrameSource for InOrder<S> {
                         self.then = Some(Ok(frame));
                     }
                     Ok(frame) => self.insert(frame),
-                    Err(bad @ SourceError::BadFrame(_)) => return Err(bad),
+                    Err(passing @ (SourceError::BadFrame(_) | SourceError::Told(_))) => return Err(passing),
                     Err(end) => self.then = Some(Err(end)),
                 },
             }

@@ -100,6 +100,7 @@ pub fn info(path: &Path, options: &OpenOptions) -> Result<Info, OpenError> {
                 info.skipped_frames += 1;
                 info.note_damage(why);
             }
+            Err(SourceError::Told(_)) => {}
             Err(SourceError::End) => break,
             Err(SourceError::Failed(why)) => {
                 info.note_damage(why);

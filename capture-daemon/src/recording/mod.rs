@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub use self::cdr::CdrError;
 pub use self::distortion::{Distortion, DistortionError};
 pub use self::info::{Info, TopicInfo, info};
-pub use self::mcap::{CAMERA_INFO_TOPIC, IMAGE_TOPIC, McapWriter, RecordingParams};
+pub use self::mcap::{CAMERA_INFO_TOPIC, IMAGE_TOPIC, McapWriter, NOTES_TOPIC, RecordingParams};
 pub use self::open_error::OpenError;
 pub use self::png_sequence::PngWriter;
 pub use self::recover::{RecoverError, Recovered, recover};
@@ -187,6 +187,15 @@ fn kind(path: &Path) -> Result<Kind, OpenError> {
     }
 }
 
+/// The configuration that a recording of a live run was made under: those sections, as TOML, that a capture goes by.
+/// `None` where it says nothing of the kind, or cannot be read: opening it says why.
+pub fn recorded_config(path: &Path) -> Option<String> {
+    match kind(path).ok()? {
+        Kind::Mcap(parts) => mcap::recorded_config(parts.first()?),
+        Kind::Pictures | Kind::Oni => None,
+    }
+}
+
 fn not_a_recording(path: &Path, found: &str) -> OpenError {
     OpenError::NotARecording { path: path.to_owned(), found: found.to_owned() }
 }
@@ -205,7 +214,7 @@ fn ensure_one_frame(path: &Path, source: &mut dyn FrameSource) -> Result<(), Ope
         match source.next_frame() {
             Ok(_) => return Ok(()),
             Err(SourceError::BadFrame(why)) if reason.is_empty() => reason = format!("; {why}"),
-            Err(SourceError::BadFrame(_) | SourceError::Interrupted(_)) => {}
+            Err(SourceError::BadFrame(_) | SourceError::Interrupted(_) | SourceError::Told(_)) => {}
             Err(SourceError::End) => return Err(OpenError::NoFrames { path: path.to_owned(), reason }),
             Err(SourceError::Failed(why)) => {
                 let reason = format!("; {why}");

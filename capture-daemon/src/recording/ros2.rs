@@ -9,6 +9,8 @@ use crate::frame::{CameraModel, DepthFrame, MAX_PIXELS};
 pub(super) const IMAGE: &str = "sensor_msgs/msg/Image";
 /// Schema name of the intrinsics.
 pub(super) const CAMERA_INFO: &str = "sensor_msgs/msg/CameraInfo";
+/// Schema name of a text.
+pub(super) const TEXT: &str = "std_msgs/msg/String";
 /// Longest side of an image.
 const MAX_SIDE: usize = 1280;
 /// Metres of one count of a frame that was read from metres in floating point: fine enough to keep
@@ -250,6 +252,21 @@ pub(super) fn encode_camera_info(frame: &DepthFrame) -> Vec<u8> {
     encoder.u8(0);
     encoder.finish()
 }
+
+/// The message `std_msgs/msg/String` with a text.
+pub(super) fn encode_text(text: &str) -> Vec<u8> {
+    let mut encoder = Encoder::new();
+    encoder.string(text);
+    encoder.finish()
+}
+
+/// Its text.
+pub(super) fn decode_text(message: &[u8]) -> Result<&str, CdrError> {
+    Decoder::new(message)?.string("data")
+}
+
+/// Definition of a text.
+pub(super) const TEXT_DEFINITION: &str = "string data\n";
 
 /// Definition of the image and of all that it is made of.
 pub(super) const IMAGE_DEFINITION: &str = "\

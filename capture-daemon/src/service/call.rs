@@ -26,10 +26,29 @@ pub(crate) enum Call {
     ListRemoved,
     /// A change of the store.
     Order(Order),
+    /// Something about recordings.
+    Recording(RecordingCall),
     /// Capture now.
     Capture,
     /// Read the configuration again.
     Reload,
+}
+
+/// A call that is about recordings.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum RecordingCall {
+    /// Begin one.
+    Start,
+    /// End it.
+    Stop,
+    /// Save the last seconds.
+    Save,
+    /// What there is.
+    List,
+    /// Have one stay, or no longer.
+    Pin { name: String, pinned: bool },
+    /// Remove one.
+    Remove { name: String },
 }
 
 /// What one must be allowed for a call.
@@ -148,6 +167,17 @@ impl Call {
             "io.sward.Station.ListHistory" => Self::ListHistory { name: parameters.text("name")? },
             "io.sward.Station.ListRemoved" => Self::ListRemoved,
             "io.sward.Station.Capture" => Self::Capture,
+            "io.sward.Station.StartRecording" => Self::Recording(RecordingCall::Start),
+            "io.sward.Station.StopRecording" => Self::Recording(RecordingCall::Stop),
+            "io.sward.Station.SaveRecording" => Self::Recording(RecordingCall::Save),
+            "io.sward.Station.ListRecordings" => Self::Recording(RecordingCall::List),
+            "io.sward.Station.PinRecording" => Self::Recording(RecordingCall::Pin {
+                name: parameters.text("name")?,
+                pinned: parameters.flag("pinned")?,
+            }),
+            "io.sward.Station.RemoveRecording" => {
+                Self::Recording(RecordingCall::Remove { name: parameters.text("name")? })
+            }
             "io.sward.Station.Reload" => Self::Reload,
             "io.sward.Station.SetMix" => {
                 Self::Order(Order::SetMix { name: parameters.text("name")?, mix: parameters.number("mix")? })
@@ -180,8 +210,9 @@ impl Call {
             | Self::GetStatus
             | Self::ListBlades
             | Self::ListHistory { .. }
+            | Self::Recording(RecordingCall::List)
             | Self::ListRemoved => Right::Watch,
-            Self::Order(_) | Self::Capture | Self::Reload => Right::Change,
+            Self::Recording(_) | Self::Order(_) | Self::Capture | Self::Reload => Right::Change,
         }
     }
 }
@@ -194,6 +225,10 @@ impl Parameters {
             Some(Value::String(text)) => Ok(text),
             _ => Err(invalid(name)),
         }
+    }
+
+    fn flag(&mut self, name: &str) -> Result<bool, CallError> {
+        self.0.remove(name).and_then(|value| value.as_bool()).ok_or_else(|| invalid(name))
     }
 
     fn whole(&mut self, name: &str) -> Result<i64, CallError> {
@@ -252,6 +287,20 @@ mod tests {
             ("ListRemoved", "{}", Call::ListRemoved),
             ("Capture", "{}", Call::Capture),
             ("Reload", "{}", Call::Reload),
+            ("StartRecording", "{}", Call::Recording(RecordingCall::Start)),
+            ("StopRecording", "{}", Call::Recording(RecordingCall::Stop)),
+            ("SaveRecording", "{}", Call::Recording(RecordingCall::Save)),
+            ("ListRecordings", "{}", Call::Recording(RecordingCall::List)),
+            (
+                "PinRecording",
+                r#"{"name":"fern","pinned":true}"#,
+                Call::Recording(RecordingCall::Pin { name: name(), pinned: true }),
+            ),
+            (
+                "RemoveRecording",
+                r#"{"name":"fern"}"#,
+                Call::Recording(RecordingCall::Remove { name: name() }),
+            ),
             ("SetMix", r#"{"name":"fern","mix":2}"#, Call::Order(Order::SetMix { name: name(), mix: 2.0 })),
             (
                 "RenameBlade",
@@ -317,5 +366,7 @@ mod tests {
         assert_eq!(Call::ListBlades.right(), Right::Watch);
         assert_eq!(Call::GetPreview { after: 0 }.right(), Right::Watch);
         assert_eq!(Call::Reload.right(), Right::Change);
+        assert_eq!(Call::Recording(RecordingCall::List).right(), Right::Watch);
+        assert_eq!(Call::Recording(RecordingCall::Start).right(), Right::Change);
     }
 }

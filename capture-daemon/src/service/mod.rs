@@ -17,8 +17,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
 
 use common::protocol::{
-    DEFINITION, GetStatusReply, Library, ListBladesReply, ListHistoryReply, ListRemovedReply, ReloadReply,
-    StationError, Status,
+    DEFINITION, GetStatusReply, Library, ListBladesReply, ListHistoryReply, ListRecordingsReply,
+    ListRemovedReply, RecordingName, ReloadReply, StationError, Status,
 };
 use serde_json::{Value, json};
 use std::os::fd::OwnedFd;
@@ -31,7 +31,8 @@ pub(crate) use socket::{Socket, passed_socket};
 
 use crate::frames::FrameOrder;
 use crate::keeper::{Holdings, Job, Order, Outcome};
-use call::{Call, CallError, Right};
+use crate::recorder::{self, Cause};
+use call::{Call, CallError, RecordingCall, Right};
 
 /// Someone asks for the configuration to be read again, and where the outcome goes.
 pub(crate) type ReloadOrder = oneshot::Sender<Outcome<ReloadReply>>;
@@ -54,6 +55,10 @@ pub(crate) struct Service {
     pub(crate) keeper: SyncSender<Job>,
     /// The frame thread's queue.
     pub(crate) frames: SyncSender<FrameOrder>,
+    /// The recorder's queue.
+    pub(crate) recorder: SyncSender<recorder::Job>,
+    /// What the recorder says of itself.
+    pub(crate) recording: watch::Receiver<recorder::Told>,
     /// The daemon's queue.
     pub(crate) reload: mpsc::Sender<ReloadOrder>,
     /// Connections at present.
@@ -69,10 +74,18 @@ impl Service {
         let holdings = Arc::clone(&self.holdings.borrow());
         let library = self.library.borrow().as_ref().map(|library| (library.generation(), library.blades()));
         let (generation, blades) = library.unwrap_or_default();
+        let recorder::Told { recording, trouble, frames, slow_frames, disk_frames, saves, .. } =
+            self.recording.borrow().clone();
         Status {
             generation: generation.cast_signed(),
             blades: blades as i64,
             store: holdings.trouble.clone().unwrap_or_else(|| "ok".to_owned()),
+            recording: recording.unwrap_or_else(|| "none".to_owned()),
+            recording_trouble: trouble.unwrap_or_else(|| "ok".to_owned()),
+            recorded_frames: frames.cast_signed(),
+            unrecorded_slow: slow_frames.cast_signed(),
+            unrecorded_disk: disk_frames.cast_signed(),
+            saves: saves.cast_signed(),
             waiting: holdings.waiting as i64,
             lost: holdings.lost.cast_signed() + self.status.borrow().lost,
             captures: holdings.captures.cast_signed(),
@@ -128,6 +141,7 @@ impl Service {
                 reply(&ListRemovedReply { removed: told.await.map_err(|_| StationError::Busy)? })?
             }
             Call::Order(order) => self.order(order).await?,
+            Call::Recording(call) => self.recording(call).await?,
             Call::Capture => self.capture().await?,
             Call::Reload => self.reload().await?,
         };
@@ -184,6 +198,41 @@ impl Service {
             std::sync::mpsc::TrySendError::Disconnected(_) => StationError::NoFrames,
         })?;
         reply(&outcome.await.map_err(|_| StationError::NoFrames)??)
+    }
+
+    async fn recording(&self, call: RecordingCall) -> Result<Value, CallError> {
+        use recorder::Job;
+        match call {
+            RecordingCall::Start => {
+                let name = self.of_recorder(Job::Start).await?;
+                reply(&RecordingName { name })
+            }
+            RecordingCall::Stop => reply(&self.of_recorder(Job::Stop).await?),
+            RecordingCall::Save => {
+                let name = self.of_recorder(|reply| Job::Save(Cause::Asked, Some(reply))).await?;
+                reply(&RecordingName { name })
+            }
+            RecordingCall::List => {
+                reply(&ListRecordingsReply { recordings: self.of_recorder(Job::List).await? })
+            }
+            RecordingCall::Pin { name, pinned } => {
+                self.of_recorder(|reply| Job::Pin(name, pinned, reply)).await?;
+                Ok(json!({}))
+            }
+            RecordingCall::Remove { name } => {
+                self.of_recorder(|reply| Job::Remove(name, reply)).await?;
+                Ok(json!({}))
+            }
+        }
+    }
+
+    async fn of_recorder<T>(
+        &self,
+        job: impl FnOnce(recorder::Reply<T>) -> recorder::Job,
+    ) -> Result<T, CallError> {
+        let (asked, told) = oneshot::channel();
+        self.recorder.try_send(job(asked)).map_err(|_| StationError::Busy)?;
+        Ok(told.await.map_err(|_| StationError::Busy)??)
     }
 
     async fn reload(&self) -> Result<Value, CallError> {

@@ -2,6 +2,7 @@
 
 pub(crate) mod access;
 mod clock;
+pub mod faulty;
 pub mod host;
 pub mod listed;
 pub mod openni2;
@@ -17,6 +18,7 @@ use std::sync::Arc;
 
 use self::host::Health;
 use crate::frame::DepthFrame;
+use crate::note::Note;
 
 /// A sensor or a recording. Blocking.
 pub trait FrameSource {
@@ -32,7 +34,8 @@ pub trait FrameSource {
     ///
     /// # Errors
     /// [`SourceError::End`] after the last frame; [`SourceError::BadFrame`] for one that is skipped and
-    /// [`SourceError::Interrupted`] while a sensor is started again (the next call goes on after it); all others end
+    /// [`SourceError::Interrupted`] while a sensor is started again (the next call goes on after it);
+    /// [`SourceError::Told`] where a recording says what the session was told before its next frame; all others end
     /// the source.
     fn next_frame(&mut self) -> Result<DepthFrame, SourceError>;
 }
@@ -46,6 +49,9 @@ pub enum SourceError {
     /// One frame cannot be used.
     #[error("{0}")]
     BadFrame(String),
+    /// The session was told something before the next frame.
+    #[error("the session was told something")]
+    Told(Note),
     /// A sensor gives no frames at present; it is tried again.
     #[error("{0}")]
     Interrupted(String),

@@ -134,6 +134,19 @@ def main():
         assert "drawn" in [blade["name"] for blade in call("ListBlades")["blades"]]
         refused("io.sward.Station.FileRefused", station.PutBlade, name="drawn", text="format = 1\nknots = 7\n")
         refused("io.sward.Station.InvalidName", station.PutBlade, name="a/b", text=text + "]\n")
+        name = call("StartRecording")["name"]
+        refused("io.sward.Station.BeingWritten", station.StartRecording)
+        while not call("GetStatus")["status"]["recorded_frames"]:
+            pass
+        end = call("StopRecording")
+        assert end["name"] == name and end["frames"] > 0 and end["bytes"] > 0, end
+        refused("io.sward.Station.NotRecording", station.StopRecording)
+        call("PinRecording", name=name, pinned=True)
+        recordings = call("ListRecordings")["recordings"]
+        assert [(it["name"], it["pinned"], it["writing"]) for it in recordings] == [(name, True, False)], recordings
+        call("RemoveRecording", name=name)
+        refused("io.sward.Station.NoSuchRecording", station.RemoveRecording, name=name)
+        assert call("SaveRecording")["name"].endswith("-saved")
         assert call("Reload") == {"changed": [], "restart": []}
         refused("io.sward.Station.NoSuchBlade", station.RemoveBlade, name="heather")
         refused("io.sward.Station.NameTaken", station.RenameBlade, name="moss", new_name="moss")
@@ -145,7 +158,7 @@ def main():
                 assert error.error() == "io.sward.Station.NothingHeld", error
         assert len(names) > 0
         assert methods <= called, methods - called
-        assert len(called) == 13, called
+        assert len(called) == 19, called
 
 
 main()

@@ -8,11 +8,12 @@ use std::path::Path;
 use super::record::Record;
 use super::records::{RecordError, RecordReader};
 use super::survey::{Selection, survey};
-use super::{DEPTH_UNIT_KEY, METADATA_NAME, Part};
+use super::{AS_SEEN, CONFIG_KEY, DEPTH_UNIT_KEY, METADATA_NAME, NOTES_TOPIC, ORDER_KEY, Part};
 use crate::frame::DepthFrame;
+use crate::note::Note;
 use crate::recording::distortion::Rectifier;
 use crate::recording::in_order::InOrder;
-use crate::recording::ros2::Image;
+use crate::recording::ros2::{self, Image};
 use crate::recording::{Contents, OpenError, OpenOptions, Recording, ensure_one_frame};
 use crate::source::{FrameSource, SourceError};
 
@@ -32,7 +33,28 @@ pub(in crate::recording) fn open(
         distortion: info.distortion.clone(),
         parts: parts.iter().map(|part| part.path.clone()).collect(),
     };
-    Ok(Recording { contents, source: Box::new(InOrder::new(source(false))) })
+    let source = source(false);
+    // Whatever the times: a replay sees what the station saw.
+    if selection.is_as_seen {
+        return Ok(Recording { contents, source: Box::new(source) });
+    }
+    Ok(Recording { contents, source: Box::new(InOrder::new(source)) })
+}
+
+/// The configuration that stands before the first message of a live run's recording.
+pub(in crate::recording) fn recorded_config(part: &Part) -> Option<String> {
+    let mut reader = part.reader().ok()?;
+    loop {
+        match reader.next() {
+            Ok(Some(Record::Metadata { name: METADATA_NAME, entries })) => {
+                let of_live_run = entries.contains(&(ORDER_KEY, AS_SEEN));
+                let config = entries.iter().find(|(key, config)| *key == CONFIG_KEY && !config.is_empty());
+                return config.filter(|_| of_live_run).map(|(_, config)| (*config).to_owned());
+            }
+            Ok(Some(Record::Message { .. }) | None) | Err(_) => return None,
+            Ok(Some(_)) => {}
+        }
+    }
 }
 
 /// The files of a recording as a source of frames.
@@ -46,6 +68,8 @@ struct McapSource {
     depth_unit_m: f64,
     /// Channels of the selected topic in the part that is being read.
     channels: BTreeSet<u16>,
+    /// The same of notes.
+    note_channels: BTreeSet<u16>,
     rectifier: Option<Rectifier>,
     /// Does not warn: somebody reads it again who does.
     quiet: bool,
@@ -63,6 +87,7 @@ impl McapSource {
             selection: selection.clone(),
             depth_unit_m: selection.depth_unit_m,
             channels: BTreeSet::new(),
+            note_channels: BTreeSet::new(),
             rectifier: None,
             quiet,
             warned: false,
@@ -81,10 +106,11 @@ impl McapSource {
     fn open_next(&mut self) -> Option<()> {
         let part = self.parts.get(self.next_part)?;
         self.channels = self.selection.channels.get(self.next_part).cloned().unwrap_or_default();
+        self.note_channels = self.selection.note_channels.get(self.next_part).cloned().unwrap_or_default();
         self.next_part += 1;
         match part.reader() {
             Ok(mut reader) => {
-                reader.expect_channels(self.channels.iter().copied());
+                reader.expect_channels(self.channels.iter().chain(&self.note_channels).copied());
                 self.reader = Some(reader);
             }
             Err(why) => {
@@ -157,10 +183,16 @@ impl FrameSource for McapSource {
             };
             let found = match reader.next() {
                 Ok(Some(Record::Channel { id, topic, .. })) => {
-                    if topic == self.selection.image_topic {
-                        self.channels.insert(id);
-                    } else {
-                        self.channels.remove(&id);
+                    let wanted = [
+                        (&mut self.channels, self.selection.image_topic.as_str()),
+                        (&mut self.note_channels, NOTES_TOPIC),
+                    ];
+                    for (channels, name) in wanted {
+                        if topic == name {
+                            channels.insert(id);
+                        } else {
+                            channels.remove(&id);
+                        }
                     }
                     continue;
                 }
@@ -175,6 +207,13 @@ impl FrameSource for McapSource {
                     if self.channels.contains(&channel) =>
                 {
                     Ok(decode(data, log_time, self.depth_unit_m, &self.selection))
+                }
+                Ok(Some(Record::Message { channel, data, .. })) if self.note_channels.contains(&channel) => {
+                    // One that is not understood was written by another version.
+                    match ros2::decode_text(data).ok().and_then(Note::of_json) {
+                        Some(note) => return Err(SourceError::Told(note)),
+                        None => continue,
+                    }
                 }
                 Ok(Some(_)) => continue,
                 Ok(None) => {

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::record::Record;
 use super::records::{RecordError, RecordReader};
-use super::{DEPTH_UNIT_KEY, METADATA_NAME, Part};
+use super::{AS_SEEN, DEPTH_UNIT_KEY, METADATA_NAME, NOTES_TOPIC, ORDER_KEY, Part};
 use crate::recording::cdr::CdrError;
 use crate::recording::ros2::{self, CameraInfo, Image, MessageError};
 use crate::recording::{GivenCamera, OpenError, OpenOptions};
@@ -28,8 +28,12 @@ pub(super) struct Selection {
     pub(super) info: CameraInfo,
     /// Metres of one count of images of whole numbers.
     pub(super) depth_unit_m: f64,
+    /// The frames stand in the order in which a station saw them.
+    pub(super) is_as_seen: bool,
     /// Channels of the topic in each part, as far as they are known.
     pub(super) channels: Vec<BTreeSet<u16>>,
+    /// The same of notes.
+    pub(super) note_channels: Vec<BTreeSet<u16>>,
 }
 
 /// What is known of one topic.
@@ -87,6 +91,8 @@ pub(super) struct Survey {
     metadata_at: Option<u64>,
     /// What they say of the depth unit.
     depth_unit: Option<String>,
+    /// They say that the frames stand in the order in which a station saw them.
+    is_as_seen: bool,
     /// The first part of the file that could not be read.
     damage: Option<String>,
     /// Where the first file that is cut short ends.
@@ -139,6 +145,7 @@ impl Survey {
             Record::Metadata { name: METADATA_NAME, entries } => {
                 let unit = entries.iter().find(|(key, _)| *key == DEPTH_UNIT_KEY);
                 self.depth_unit = unit.map(|(_, unit)| (*unit).to_owned());
+                self.is_as_seen = entries.contains(&(ORDER_KEY, AS_SEEN));
             }
             Record::MetadataIndex { offset, name: METADATA_NAME } => self.metadata_at = Some(offset),
             Record::Header { .. }
@@ -302,11 +309,15 @@ impl Survey {
         let image_topic = self.select_images(path, options.topic.as_deref())?;
         let info = self.select_info(path, &image_topic, options.camera.as_ref())?;
         let depth_unit_m = self.select_depth_unit(path)?;
-        let of_topic = |channels: &BTreeMap<u16, String>| {
-            channels.iter().filter(|(_, topic)| **topic == image_topic).map(|(&id, _)| id).collect()
+        let of_topic = |wanted: &str| {
+            let of_part = |channels: &BTreeMap<u16, String>| {
+                channels.iter().filter(|(_, topic)| *topic == wanted).map(|(&id, _)| id).collect()
+            };
+            self.parts.iter().map(of_part).collect()
         };
-        let channels = self.parts.iter().map(of_topic).collect();
-        Ok(Selection { image_topic, info, depth_unit_m, channels })
+        let (channels, note_channels) = (of_topic(&image_topic), of_topic(NOTES_TOPIC));
+        let is_as_seen = self.is_as_seen;
+        Ok(Selection { image_topic, info, depth_unit_m, is_as_seen, channels, note_channels })
     }
 }
 

@@ -7,14 +7,17 @@ use std::path::Path;
 
 use mcap::records::{MessageHeader, Metadata};
 
-use super::{DEPTH_UNIT_KEY, METADATA_NAME};
+use super::{AS_SEEN, CONFIG_KEY, DEPTH_UNIT_KEY, METADATA_NAME, ORDER_KEY};
 use crate::frame::DepthFrame;
+use crate::note::Note;
 use crate::recording::{WriteError, ros2};
 
 /// Topic of the depth images.
 pub const IMAGE_TOPIC: &str = "/camera/depth/image_rect_raw";
 /// Topic of their intrinsics.
 pub const CAMERA_INFO_TOPIC: &str = "/camera/depth/camera_info";
+/// Topic of what the session was told, one line of JSON each: [`Note`].
+pub const NOTES_TOPIC: &str = "/sward/notes";
 /// Longest recording time within one chunk: what a power failure can take.
 const CHUNK_NS: u64 = 1_000_000_000;
 /// Bytes, before compression, after which a chunk ends anyway.
@@ -57,6 +60,9 @@ pub struct RecordingParams {
     pub config: String,
     /// Level of the zstd compression: 1 to 22, 0 for its default, which keeps pace with a sensor.
     pub compression_level: u32,
+    /// It is of a live run: its frames stand in the order in which the station saw them, and its file only grows, so that
+    /// whatever was written before a power failure is whole.
+    pub is_live: bool,
 }
 
 /// A recording that is being written.
@@ -64,6 +70,7 @@ pub struct McapWriter<W: Write + Seek> {
     writer: mcap::Writer<W>,
     image_channel: u16,
     info_channel: u16,
+    notes_channel: Option<u16>,
     params: RecordingParams,
     depth_unit_m: Option<f64>,
     sequence: u32,
@@ -87,7 +94,12 @@ impl<W: Write + Seek> McapWriter<W> {
     /// # Errors
     /// When it cannot be written.
     pub fn new(output: W, params: RecordingParams) -> Result<Self, WriteError> {
-        let mut writer = write_options("ros2", params.compression_level).create(output)?;
+        let mut options = write_options("ros2", params.compression_level);
+        if params.is_live {
+            // A chunk is written once it is whole, and compressed by the thread that writes it.
+            options = options.disable_seeking(true).compression_threads(0);
+        }
+        let mut writer = options.create(output)?;
         let image = writer.add_schema(ros2::IMAGE, "ros2msg", ros2::IMAGE_DEFINITION.as_bytes())?;
         let camera =
             writer.add_schema(ros2::CAMERA_INFO, "ros2msg", ros2::CAMERA_INFO_DEFINITION.as_bytes())?;
@@ -95,8 +107,13 @@ impl<W: Write + Seek> McapWriter<W> {
         let qos = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
         let image_channel = writer.add_channel(image, IMAGE_TOPIC, "cdr", &qos)?;
         let info_channel = writer.add_channel(camera, CAMERA_INFO_TOPIC, "cdr", &qos)?;
-        let span = ChunkSpan::default();
-        Ok(Self { writer, image_channel, info_channel, params, depth_unit_m: None, sequence: 0, span })
+        let mut notes_channel = None;
+        if params.is_live {
+            let text = writer.add_schema(ros2::TEXT, "ros2msg", ros2::TEXT_DEFINITION.as_bytes())?;
+            notes_channel = Some(writer.add_channel(text, NOTES_TOPIC, "cdr", &qos)?);
+        }
+        let (span, sequence, depth_unit_m) = (ChunkSpan::default(), 0, None);
+        Ok(Self { writer, image_channel, info_channel, notes_channel, params, depth_unit_m, sequence, span })
     }
 
     /// Adds a frame and its camera.
@@ -104,6 +121,14 @@ impl<W: Write + Seek> McapWriter<W> {
     /// # Errors
     /// When it cannot be written, or its depth unit is not that of the frames before.
     pub fn write(&mut self, frame: &DepthFrame) -> Result<(), WriteError> {
+        self.write_noted(&[], frame)
+    }
+
+    /// Adds what the session was told before a frame, of a live run's recording, and the frame.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn write_noted(&mut self, notes: &[Note], frame: &DepthFrame) -> Result<(), WriteError> {
         match self.depth_unit_m {
             None => self.begin(frame)?,
             Some(unit) if unit == frame.depth_unit_m => {}
@@ -120,20 +145,40 @@ impl<W: Write + Seek> McapWriter<W> {
             publish_time: time,
         };
         let (info, image) = (header(self.info_channel), header(self.image_channel));
+        for (note, channel) in notes.iter().filter_map(|note| Some((note, self.notes_channel?))) {
+            self.writer.write_to_known_channel(&header(channel), &ros2::encode_text(&note.to_json()))?;
+        }
         self.writer.write_to_known_channel(&info, &ros2::encode_camera_info(frame))?;
         self.writer.write_to_known_channel(&image, &ros2::encode_image(frame))?;
         self.sequence = self.sequence.wrapping_add(1);
         Ok(())
     }
 
+    /// Ends the chunk, if one was begun, and hands all that was written to the output.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn end_chunk(&mut self) -> Result<(), WriteError> {
+        self.span = ChunkSpan::default();
+        Ok(self.writer.flush()?)
+    }
+
+    /// Gives the output back as it is, without the end of a recording.
+    pub fn abandon(self) -> W {
+        self.writer.into_inner()
+    }
+
     /// Writes the metadata, which only the first frame completes.
     fn begin(&mut self, frame: &DepthFrame) -> Result<(), WriteError> {
-        let metadata = BTreeMap::from([
+        let mut metadata = BTreeMap::from([
             ("sensor".to_owned(), self.params.sensor.clone()),
             ("serial".to_owned(), self.params.serial.clone()),
-            ("config".to_owned(), self.params.config.clone()),
+            (CONFIG_KEY.to_owned(), self.params.config.clone()),
             (DEPTH_UNIT_KEY.to_owned(), frame.depth_unit_m.to_string()),
         ]);
+        if self.params.is_live {
+            metadata.insert(ORDER_KEY.to_owned(), AS_SEEN.to_owned());
+        }
         self.writer.write_metadata(&Metadata { name: METADATA_NAME.to_owned(), metadata })?;
         self.depth_unit_m = Some(frame.depth_unit_m);
         Ok(())

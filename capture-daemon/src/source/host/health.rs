@@ -7,6 +7,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 pub struct Fares {
     /// Model, serial and mode, once it was open.
     pub name: Option<String>,
+    /// Its serial number, if it told one.
+    pub serial: Option<String>,
     /// Why no frames come at present; none while they do.
     pub trouble: Option<String>,
     /// Sensor processes that were started.
@@ -38,6 +40,10 @@ impl Health {
 
     pub(super) fn opened(&self, name: &str) {
         self.fares().name = Some(name.to_owned());
+    }
+
+    pub(super) fn has_serial(&self, serial: &str) {
+        self.fares().serial = Some(serial.to_owned());
     }
 
     pub(super) fn streams(&self) {

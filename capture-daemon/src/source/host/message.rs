@@ -18,6 +18,8 @@ const FRAME_BYTES: usize = 8 * 8;
 pub(crate) enum Message {
     /// It is open, and is this.
     Opened(String),
+    /// Its serial number.
+    Serial(String),
     /// A frame.
     Frame(DepthFrame),
     /// A frame cannot be used, for this reason.
@@ -72,6 +74,7 @@ impl Message {
     fn kind(&self) -> u8 {
         match self {
             Self::Opened(_) => b'o',
+            Self::Serial(_) => b's',
             Self::Frame(_) => b'f',
             Self::Bad(_) => b'b',
             Self::Lost(_) => b'l',
@@ -87,7 +90,11 @@ impl Message {
         let mut packet = vec![self.kind()];
         let mut memory = None;
         match self {
-            Self::Opened(text) | Self::Bad(text) | Self::Missing(text) | Self::Failed(text) => {
+            Self::Opened(text)
+            | Self::Serial(text)
+            | Self::Bad(text)
+            | Self::Missing(text)
+            | Self::Failed(text) => {
                 packet.extend_from_slice(short(text).as_bytes());
             }
             Self::Lost(frames) => packet.extend_from_slice(&frames.to_le_bytes()),
@@ -114,6 +121,7 @@ impl Message {
         let text = || String::from_utf8_lossy(rest).into_owned();
         Ok(match (kind, memory) {
             (b'o', None) => Self::Opened(text()),
+            (b's', None) => Self::Serial(text()),
             (b'b', None) => Self::Bad(text()),
             (b'm', None) => Self::Missing(text()),
             (b'x', None) => Self::Failed(text()),
@@ -180,6 +188,7 @@ mod tests {
         let text = || "Größe 640x480".to_owned();
         let messages = [
             Message::Opened(text()),
+            Message::Serial(text()),
             Message::Frame(frame()),
             Message::Bad(text()),
             Message::Lost(17),

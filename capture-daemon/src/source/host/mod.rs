@@ -27,7 +27,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde::{Deserialize, Serialize};
 
 use self::backoff::Backoff;
-pub(crate) use self::health::Health;
+pub(crate) use self::health::{Fares, Health};
 pub(crate) use self::message::Message;
 pub(crate) use self::process::{Process, ReceiveError};
 pub use self::worker::work;
@@ -175,6 +175,10 @@ impl SensorSource {
                 self.health.streams();
                 Some(Ok(frame))
             }
+            Message::Serial(serial) => {
+                self.health.has_serial(&serial);
+                None
+            }
             Message::Bad(reason) => Some(Err(SourceError::BadFrame(reason))),
             Message::Lost(frames) => {
                 self.health.count_lost(frames);
@@ -242,6 +246,10 @@ impl FrameSource for SensorSource {
                     if let Some(given) = self.take(message) {
                         return given;
                     }
+                }
+                Err(ReceiveError::BadFrame(reason)) => {
+                    self.heard = Instant::now();
+                    return Err(SourceError::BadFrame(reason));
                 }
                 Err(ReceiveError::Silent) => {}
                 Err(error) => {

@@ -16,7 +16,7 @@ use rustix::net::{
     socketpair,
 };
 
-use super::message::{MAX_BYTES, Message};
+use super::message::{MAX_BYTES, Message, MessageError};
 
 /// The verb by which this program is a sensor process.
 pub(crate) const VERB: &str = "sensor-process";
@@ -32,6 +32,9 @@ pub(crate) enum ReceiveError {
     /// It is over.
     #[error("the sensor process {0}")]
     Ended(String),
+    /// A frame came whose numbers and bytes do not fit.
+    #[error("{0}")]
+    BadFrame(String),
     /// What came is no message.
     #[error("{0}")]
     Nonsense(String),
@@ -91,7 +94,10 @@ impl Process {
             }
         }
         let message = Message::of_packet(&bytes[..received], descriptors.pop());
-        message.map_err(|error| ReceiveError::Nonsense(error.to_string()))
+        message.map_err(|error| match error {
+            MessageError::Frame { .. } => ReceiveError::BadFrame(error.to_string()),
+            _ => ReceiveError::Nonsense(error.to_string()),
+        })
     }
 
     /// How it ended; killed if it does not by itself.

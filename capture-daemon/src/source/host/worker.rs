@@ -17,9 +17,9 @@ use super::{Order, Task};
 use crate::config::SensorDriver;
 use crate::frame::DepthFrame;
 use crate::source::listed::Listed;
-use crate::source::openni2;
 #[cfg(feature = "v4l2")]
 use crate::source::v4l2;
+use crate::source::{faulty, openni2};
 
 /// Bytes of packets that may wait for the daemon: a few frames, of which each packet only names the memory.
 const SEND_BUFFER: usize = 8 << 10;
@@ -142,6 +142,7 @@ fn stream(order: &Order, link: &mut Link) -> Result<Result<(), Closed>, String> 
         Some(SensorDriver::V4l2) => v4l2::stream(order, link),
         #[cfg(not(feature = "v4l2"))]
         Some(SensorDriver::V4l2) => Err(WITHOUT_V4L2.to_owned()),
+        Some(SensorDriver::Faulty) => faulty::stream(order, link),
         _ => openni2::stream(order, link),
     }
 }

@@ -215,7 +215,8 @@ fn stream_device(device: &Device<'_>, order: &Order, link: &mut Link) -> Result<
     let mode = stream.mode().ok_or("the sensor's pixels are no depth in 1 mm or 0.1 mm")?;
     developer.camera(&mode)?;
     stream.start().map_err(told)?;
-    if link.say(&Message::Opened(description(device, &mode))).is_err() {
+    let serial = device.serial().map_or(Ok(()), |serial| link.say(&Message::Serial(serial)));
+    if serial.and_then(|()| link.say(&Message::Opened(description(device, &mode)))).is_err() {
         return Ok(Err(Closed));
     }
     let mut clock = SensorClock::default();
