@@ -25,6 +25,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const HANGUPS: [ErrorKind; 2] = [ErrorKind::BrokenPipe, ErrorKind::ConnectionReset];
 
 mod files;
+mod nobody;
 mod preview;
 mod recordings;
 mod reload;
@@ -38,9 +39,7 @@ pub use reload::reload;
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// Nobody listens.
-    #[error(
-        "{socket}: no station answers: {reason}; start one with sward-capture run, or name its socket with --socket: that is the service.socket that it was started with"
-    )]
+    #[error("{socket}: {}", nobody::told(.reason))]
     NoStation {
         /// The socket.
         socket: String,

@@ -1,8 +1,8 @@
 //! Frames on their way from a source to the stages: a thread reads them and waits for their time, a queue holds
 //! those that the stages are not ready for yet.
 //!
-//! A sensor does not wait: in real time, a frame that finds the queue full is dropped and counted. As fast as
-//! the stages are, the source waits, and none is.
+//! A sensor does not wait: its frame that finds the queue full is dropped and counted. A recording waits, also in
+//! real time: it shows each frame each time it is played, so that a loop captures the same again and not its like.
 
 use std::io;
 use std::sync::Arc;
@@ -96,7 +96,7 @@ impl Reader {
             let is_wanted = match (&mut self.pace, given) {
                 (Some(pace), Ok(frame)) => {
                     let due = Instant::now() + pace.wait(frame.timestamp_ns);
-                    self.wait_until(due) && self.offer(frame)
+                    self.wait_until(due) && self.to_stages.send(Ok(frame)).is_ok()
                 }
                 (None, Ok(frame)) if self.is_live => self.offer(frame),
                 (_, given) => self.to_stages.send(given).is_ok(),
@@ -215,19 +215,9 @@ mod tests {
     }
 
     #[test]
-    fn in_real_time_what_finds_the_queue_full_is_dropped_and_counted() {
-        let paced = Feed::start(Burst::of(20), 1000.0).expect("a thread");
-        assert_drops_what_finds_no_room(&paced);
-    }
-
-    #[test]
-    fn a_live_sensor_waits_for_nobody_whatever_the_rate() {
+    fn of_a_live_sensor_what_finds_the_queue_full_is_dropped_and_counted() {
         let live = Box::new(Burst { is_live: true, ..*Burst::of(20) });
-        assert_drops_what_finds_no_room(&Feed::start(live, 0.0).expect("a thread"));
-    }
-
-    /// Of 20 frames.
-    fn assert_drops_what_finds_no_room(feed: &Feed) {
+        let feed = Feed::start(live, 0.0).expect("a thread");
         let start = Instant::now();
         let mut dropped = 0;
         while dropped < 11 && start.elapsed() < LONG {
@@ -237,16 +227,22 @@ mod tests {
         // 19 frames and a bad one, of which 8 wait; then the end waits for its place.
         assert_eq!(dropped, 12);
         let expected = [Some(0), Some(1), Some(2), None, Some(4), Some(5), Some(6), Some(7)];
-        assert_eq!(all(feed), expected);
+        assert_eq!(all(&feed), expected);
         assert_eq!(feed.take_dropped(), 0, "counted once");
     }
 
     #[test]
-    fn as_fast_as_they_are_taken_none_is_dropped() {
-        let feed = Feed::start(Burst::of(50), 0.0).expect("a thread");
+    fn of_a_recording_none_is_dropped_at_any_rate() {
+        for rate in [0.0, 1000.0] {
+            assert_waits(&Feed::start(Burst::of(50), rate).expect("a thread"));
+        }
+    }
+
+    /// Of 50 frames.
+    fn assert_waits(feed: &Feed) {
         // The source is far ahead of who takes its frames.
         std::thread::sleep(Duration::from_millis(20));
-        let times = all(&feed);
+        let times = all(feed);
         assert_eq!(times.len(), 50);
         assert!(times.iter().enumerate().all(|(index, time)| *time == (index != 3).then_some(index as u64)));
         assert_eq!(feed.take_dropped(), 0);

@@ -253,6 +253,7 @@ fn what_is_no_blade_is_refused_by_name() {
         (format!("<path id='ring' d='{ring}'/>"), ["ring", "holes"]),
         (String::new(), ["no closed path", "expected"]),
         ("<path d='M10 10 L 20 200' stroke='red'/>".into(), ["no closed path", "expected"]),
+        ("<path id='strich' d='M50 190 L50 10 Z' stroke='red'/>".into(), ["strich", "no area"]),
     ] {
         let said = refused(&body);
         assert!(words.iter().all(|word| said.contains(word)), "{body}: {said}");
@@ -262,6 +263,15 @@ fn what_is_no_blade_is_refused_by_name() {
     }
     let many = "<rect width='2' height='30'/>".repeat(4097);
     assert_eq!(read(&drawing(&many)), Err(ImportError::TooMany(4097)));
+}
+
+#[test]
+fn a_closed_line_without_an_area_is_left_out_and_named() {
+    let leaf = "<rect id='leaf' x='20' y='20' width='6' height='90'/>";
+    let drawn = drawing(&format!("{leaf}<path id='strich' d='M50 190 L50 10 Z' stroke='red'/>"));
+    let drawing = svg_import::read(drawn.as_bytes(), &ImportParams::default()).expect("a drawing");
+    assert_eq!(drawing.blades.len(), 1);
+    assert_eq!(drawing.flat, ["strich"]);
 }
 
 #[test]

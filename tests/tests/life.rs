@@ -124,26 +124,20 @@ fn reloads_in_the_middle_of_a_hold_lose_no_frame() {
 }
 
 #[test]
-fn frames_that_come_faster_than_the_stages_are_dropped_and_counted() {
+fn a_recording_that_is_faster_than_the_stages_waits_for_them() {
     let settings = [("source.rate", "1000.0".to_owned()), ("capture.hold_s", "0.0".to_owned())];
     let daemon = Daemon::start(&settings);
     let whole = Program::Capture.run(["replay", "recordings/row-3.mcap", "--json"]).stdout;
     let end: Value = serde_json::from_str(whole.lines().last().expect("it ends")).expect("JSON");
     let mut station = daemon.connect();
-    let number = |status: &Value, key: &str| status[key].as_i64().expect("a number");
+    // While the first is captured, a thousand times as many are due as in real time.
     let over = wait_for(DEADLINE, || {
         let status = station.status();
-        let seen = number(&status, "frames") + number(&status, "dropped_frames");
-        (seen == end["frames"].as_i64().expect("a number")).then_some(status)
+        (status["frames"] == end["frames"]).then_some(status)
     });
-    let over = over.expect("each frame is seen or dropped");
-    // While the first is captured, a thousand times as many come as in real time.
-    assert!(number(&over, "dropped_frames") > 0 && number(&over, "frames") > 8, "{over}");
-    assert_eq!((&over["skipped_frames"], &over["lost"]), (&json!(0), &json!(0)));
-    let shown = daemon.client(&["status"]).stdout;
-    assert!(shown.contains(&format!("dropped   {} frames", over["dropped_frames"])), "{shown}");
-    let (_, finished) = daemon.end();
-    assert!(finished.stderr.contains("frames were dropped"), "{finished:?}");
+    let over = over.expect("each frame is seen");
+    let none = json!(0);
+    assert_eq!((&over["dropped_frames"], &over["skipped_frames"], &over["lost"]), (&none, &none, &none));
 }
 
 /// A log that nobody reads any more: who writes to it waits. As a pipe with a name.

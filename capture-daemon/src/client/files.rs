@@ -19,7 +19,7 @@ use crate::cli::StationArgs;
 use crate::exchange::svg_import::{self, DrawnBlade, ImportParams, MidribOrigin};
 use crate::exchange::{glb, svg_export};
 use crate::store::file::{MAX_BYTES as MAX_FILE_BYTES, TextError, utf8};
-use crate::store::record::{Provenance, Record};
+use crate::store::record::{Provenance, Record, RecordError};
 
 /// What a file is, by the end of its name.
 fn kind(file: &Path) -> Option<String> {
@@ -100,12 +100,12 @@ pub(super) fn import(
         }
     };
     let bytes = bounded(file, longest).map_err(&bad)?;
-    let (blades, unused_midribs) = match kind.as_str() {
+    let (blades, left) = match kind.as_str() {
         "svg" => drawn(&bytes, length_mm).map_err(&bad)?,
         _ if length_mm.is_some() => {
             return Err(bad("a blade's own file has its length; --length-mm is for drawings".into()).into());
         }
-        _ => (vec![own_file(file, bytes, name)?], Vec::new()),
+        _ => (vec![own_file(file, bytes, name)?], LeftOut::default()),
     };
     if name.is_some() && blades.len() != 1 {
         return Err(bad(format!("it holds {} blades; --name is for a single one", blades.len())).into());
@@ -142,7 +142,10 @@ pub(super) fn import(
             Err(error) => return Err(error).context(format!("{shown}: {own:?} and what follows is not put")),
         }
     }
-    for midrib in unused_midribs {
+    for path in left.flat {
+        print(&format!("path {path:?} is left out: it is closed and has no area\n"))?;
+    }
+    for midrib in left.midribs {
         print(&format!(
             "midrib {midrib:?} is not used: it lies in no outline, or in one that has another; move it inside to use it\n"
         ))?;
@@ -170,15 +173,23 @@ fn bounded(file: &Path, longest: u64) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// The blades of a drawing with the names that they are to have, and what midribs are not used.
-fn drawn(bytes: &[u8], length_mm: Option<f32>) -> Result<(Vec<Named>, Vec<String>), String> {
+/// What a drawing holds that becomes nothing.
+#[derive(Default)]
+struct LeftOut {
+    midribs: Vec<String>,
+    flat: Vec<String>,
+}
+
+/// The blades of a drawing with the names that they are to have, and what is left out.
+fn drawn(bytes: &[u8], length_mm: Option<f32>) -> Result<(Vec<Named>, LeftOut), String> {
     let unix_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_nanos() as u64);
     let length_m = length_mm.map(|mm| mm * 1e-3);
     let params = ImportParams { length_m, unix_ns, ..ImportParams::default() };
     let drawing = svg_import::read(bytes, &params).map_err(|error| error.to_string())?;
     let names = distinct(drawing.blades.iter().map(|drawn| fit_for_a_file(drawn.blade.name())).collect());
     let blades = drawing.blades.into_iter().map(|drawn| Import::Drawn(Box::new(drawn)));
-    Ok((names.into_iter().zip(blades).collect(), drawing.unused_midribs))
+    let left = LeftOut { midribs: drawing.unused_midribs, flat: drawing.flat };
+    Ok((names.into_iter().zip(blades).collect(), left))
 }
 
 /// A blade's own file, and the name that it is to have.
@@ -187,6 +198,9 @@ fn own_file(file: &Path, bytes: Vec<u8>, name: Option<&str>) -> Result<Named, Cl
     let text = utf8(bytes).map_err(|TextError { place, reason }| ClientError::BadFile {
         file: place.map_or(shown.to_string(), |(line, column)| format!("{shown}:{line}:{column}")),
         reason: format!("{reason}, expected the file of a blade, as the store has them"),
+    })?;
+    let _whole = Record::parse("blade", &text, 0).map_err(|RecordError { line, column, reason }| {
+        ClientError::BadFile { file: format!("{shown}:{line}:{column}"), reason }
     })?;
     let stem = file.file_stem().and_then(|stem| stem.to_str()).or(name);
     let stem = stem.ok_or_else(|| ClientError::BadFile {

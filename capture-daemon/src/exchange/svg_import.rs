@@ -36,6 +36,8 @@ const THINNED: f32 = 1.25e-4;
 const CROSSES: &str =
     "its outline crosses itself; expected a single curve around the blade: take the loop out of it";
 
+const FLAT: &str = "it is closed and has no area; expected a curve around the blade";
+
 /// How blades are made of outlines.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct ImportParams {
@@ -55,8 +57,8 @@ pub enum ImportError {
     NotSvg(String),
     /// Nothing closed in it.
     #[error(
-        "there is no closed path in the drawing; expected one for each blade (shapes count, text, pictures and \
-         groups that are hidden do not)"
+        "there is no closed path in the drawing; expected one for each blade (shapes count; text, pictures, what is \
+         hidden, has no size or cannot be read as a path does not)"
     )]
     NoOutline,
     /// Too many.
@@ -94,6 +96,8 @@ pub struct Drawing {
     pub blades: Vec<DrawnBlade>,
     /// What the midribs are called that lie in no outline, or in one that has another.
     pub unused_midribs: Vec<String>,
+    /// What the closed paths are called that have no area, and are no blades.
+    pub flat: Vec<String>,
 }
 
 /// The blades of a drawing, each with the name of its path (or of the group around it) as far as it has one.
@@ -118,7 +122,10 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Drawing, ImportError> {
     let mut paths = Paths { labels: Labels::of(&elements), ..Paths::default() };
     paths.collect(tree.root(), "");
     if paths.outlines.is_empty() {
-        return Err(ImportError::NoOutline);
+        return Err(match paths.flat.into_iter().next() {
+            Some(name) => ImportError::Outline { name, reason: FLAT.to_owned() },
+            None => ImportError::NoOutline,
+        });
     }
     if paths.outlines.len() > MAX_BLADES {
         return Err(ImportError::TooMany(paths.outlines.len()));
@@ -142,7 +149,8 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Drawing, ImportError> {
         blades.push(DrawnBlade { blade, label: name.clone(), likeness, midrib, scale });
     }
     let unused = paths.midribs.into_iter().zip(is_used).filter(|(_, is_used)| !is_used);
-    Ok(Drawing { blades, unused_midribs: unused.map(|(midrib, _)| midrib.name).collect() })
+    let unused_midribs = unused.map(|(midrib, _)| midrib.name).collect();
+    Ok(Drawing { blades, unused_midribs, flat: paths.flat })
 }
 
 /// What a drawing holds, in its own pixels, y upwards.
@@ -150,6 +158,7 @@ pub fn read(svg: &[u8], params: &ImportParams) -> Result<Drawing, ImportError> {
 struct Paths {
     outlines: Vec<(String, Vec<Outline>)>,
     midribs: Vec<Midrib>,
+    flat: Vec<String>,
     labels: Labels,
 }
 
@@ -213,11 +222,17 @@ impl Paths {
             self.midribs.extend(lines.map(|points| Midrib::new(name, points)));
             return;
         }
-        let closed = contours.into_iter().filter(|(points, closed)| *closed && points.len() >= 3);
-        let outlines: Vec<Outline> = closed.map(|(points, _)| Outline { points }).collect();
+        let is_nameless = name.is_empty() || name.starts_with("outline-");
+        let name = if is_nameless { group } else { name };
+        let mut closed = contours.into_iter().filter(|(_, closed)| *closed).peekable();
+        let is_closed = closed.peek().is_some();
+        let outlines =
+            closed.map(|(points, _)| Outline { points }).filter(|outline| outline.points.len() >= 3);
+        let outlines: Vec<Outline> = outlines.collect();
         if !outlines.is_empty() {
-            let is_nameless = name.is_empty() || name.starts_with("outline-");
-            self.outlines.push((if is_nameless { group.to_owned() } else { name.to_owned() }, outlines));
+            self.outlines.push((name.to_owned(), outlines));
+        } else if is_closed {
+            self.flat.push(name.to_owned());
         }
     }
 }

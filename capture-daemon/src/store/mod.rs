@@ -237,6 +237,10 @@ impl Store {
             if self.identity.is_some() && folder == self.blades_folder() {
                 continue;
             }
+            if std::fs::metadata(&folder).is_ok_and(|found| !found.is_dir()) {
+                let told = "it is a file; expected a folder, or nothing";
+                return Err(disk(&folder, io::Error::new(io::ErrorKind::NotADirectory, told)));
+            }
             make_folder(&folder).map_err(|source| disk(&folder, source))?;
         }
         Ok(())

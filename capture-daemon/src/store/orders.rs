@@ -65,7 +65,14 @@ impl Store {
         if self.is_as_read(name) {
             return Ok(live);
         }
-        let changed = || format!("{}: it was just changed and is not read yet", self.path(name).display());
+        let changed = || {
+            let path = self.path(name);
+            let why = Signature::of(&path).map_or_else(
+                |error| error.to_string(),
+                |_| "it was just changed and is not read yet".to_owned(),
+            );
+            format!("{}: {why}", path.display())
+        };
         let reason = self.refused.get(name).map_or_else(changed, |refused| refused.reason.clone());
         Err(StoreError::Refused { reason })
     }
