@@ -241,8 +241,11 @@ impl Recorder {
         }
         waiting.fetch_add(1, Ordering::Relaxed);
         waiting_bytes.fetch_add(bytes, Ordering::Relaxed);
-        // There is room for it beside all others, unless the thread is gone.
-        let _ = self.jobs.try_send(Job::Shot(shot));
+        // There is room for it beside all others, unless the thread is gone: then nothing waits.
+        if self.jobs.try_send(Job::Shot(shot)).is_err() {
+            waiting.fetch_sub(1, Ordering::Relaxed);
+            waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
+        }
     }
 
     /// Something went wrong: the last seconds are worth keeping, where the configuration says so.
