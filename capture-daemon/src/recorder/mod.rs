@@ -3,7 +3,7 @@
 //!
 //! Goals: a writer never holds up the frames: they wait in a queue that is bounded in number and bytes, and those that
 //! find it full are dropped from the recording and counted by cause. What is on disk can be read up to the last second, however
-//! the station or its disk ends ([`file`]). A replay captures what the live run captured: a recording begins where a session
+//! the station or its disk ends ([`mod@file`]). A replay captures what the live run captured: a recording begins where a session
 //! can begin, and holds what the session was told ([`crate::note`]). Non-goals: frames that the session never saw.
 //!
 //! ```text
