@@ -8,7 +8,11 @@ use std::process::{Command, Output};
 
 use capture_daemon::config::Config;
 use capture_daemon::frame::{CameraModel, DepthFrame};
-use capture_daemon::recording::{self, CAMERA_INFO_TOPIC, Distortion, GivenCamera, IMAGE_TOPIC, OpenOptions};
+use capture_daemon::note::Note;
+use capture_daemon::recording::{
+    self, CAMERA_INFO_TOPIC, Distortion, GivenCamera, IMAGE_TOPIC, McapWriter, NOTES_TOPIC, OpenOptions,
+    RecordingParams,
+};
 use capture_daemon::source::SourceError;
 use capture_daemon::synth::{self, Clip, ClipParams, Family, Format, Scene};
 use serde_json::{Value, json};
@@ -339,6 +343,35 @@ fn a_file_that_is_cut_and_recovered_python_reads() {
     recording::recover(&path, &again).expect("recovered");
     assert_eq!(read(&again)[0]["metadata"], before[0]["metadata"]);
     assert_eq!(before[0]["metadata"]["session"]["visitor"], "a child");
+}
+
+#[test]
+fn a_live_run_s_recording_and_its_notes_python_reads() {
+    if !has_python() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("live.mcap");
+    let params = RecordingParams { serial: "F1".to_owned(), is_live: true, ..RecordingParams::default() };
+    let mut writer = McapWriter::create(&path, params).expect("room");
+    let notes = [Note::Begins { captured: false }, Note::Interrupted, Note::Dropped { frames: 3 }];
+    for (i, note) in (0..).zip(&notes) {
+        writer.write_noted(std::slice::from_ref(note), &frame(i)).expect("room");
+        writer.end_chunk().expect("room");
+    }
+    writer.finish().expect("room");
+    let lines: Vec<Value> =
+        run(&["read", text(&path)]).lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    assert_eq!(lines[0]["metadata"]["sward"]["order"], "as seen");
+    assert_eq!((lines.len(), lines[0]["compressions"].clone()), (1 + 9, json!(["zstd"])));
+    for (i, (note, messages)) in notes.iter().zip(lines[1..].chunks(3)).enumerate() {
+        assert_eq!(
+            (messages[0]["topic"].as_str(), messages[2]["topic"].as_str()),
+            (Some(NOTES_TOPIC), Some(IMAGE_TOPIC))
+        );
+        assert_eq!(messages[0]["text"].as_str().and_then(Note::of_json).as_ref(), Some(note));
+        assert_eq!(messages[2]["stamp_ns"].as_u64(), Some(frame(i as u16).timestamp_ns));
+    }
 }
 
 #[test]

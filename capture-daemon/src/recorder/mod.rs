@@ -3,7 +3,7 @@
 //!
 //! Goals: a writer never holds up the frames: they wait in a queue that is bounded in number and bytes, and those that
 //! find it full are dropped from the recording and counted by cause. What is on disk can be read up to the last second, however
-//! the station or its disk ends ([`file`]). A replay captures what the live run captured: a recording begins where a session
+//! the station or its disk ends ([`mod@file`]). A replay captures what the live run captured: a recording begins where a session
 //! can begin, and holds what the session was told ([`crate::note`]). Non-goals: frames that the session never saw.
 //!
 //! ```text
@@ -241,8 +241,11 @@ impl Recorder {
         }
         waiting.fetch_add(1, Ordering::Relaxed);
         waiting_bytes.fetch_add(bytes, Ordering::Relaxed);
-        // There is room for it beside all others, unless the thread is gone.
-        let _ = self.jobs.try_send(Job::Shot(shot));
+        // There is room for it beside all others, unless the thread is gone: then nothing waits.
+        if self.jobs.try_send(Job::Shot(shot)).is_err() {
+            waiting.fetch_sub(1, Ordering::Relaxed);
+            waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
+        }
     }
 
     /// Something went wrong: the last seconds are worth keeping, where the configuration says so.

@@ -223,6 +223,9 @@ def read(path):
         }))
     for decoded in read_ros2_messages(path):
         message = decoded.ros_msg
+        if decoded.schema.name == "std_msgs/msg/String":
+            print(json.dumps({"topic": decoded.channel.topic, "text": message.data}))
+            continue
         line = {
             "topic": decoded.channel.topic,
             "schema": decoded.schema.name,
