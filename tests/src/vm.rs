@@ -37,6 +37,11 @@ fn kernel() -> PathBuf {
     root().join("target/vm")
 }
 
+/// A shipped recording of a single blade, which is in the machine, too.
+pub fn recording() -> PathBuf {
+    root().join("recordings/single-1.mcap")
+}
+
 /// Whether this is the machine.
 pub fn is_inside() -> bool {
     std::env::var_os(INSIDE).is_some()
@@ -156,7 +161,9 @@ fn pack(disk: &Path, scratch: &TempDir) -> io::Result<()> {
         let place = Path::new("/etc/udev/rules.d").join(entry.file_name());
         archive.file(place.to_str().expect("UTF-8"), &entry.path())?;
     }
-    archive.file(shipped_recording().to_str().expect("UTF-8"), &shipped_recording())?;
+    for recording in [shipped_recording(), recording()] {
+        archive.file(recording.to_str().expect("UTF-8"), &recording)?;
+    }
     // As Debian's rules for OpenNI2, which come after ours, would have it.
     let debian =
         "SUBSYSTEM==\"usb\", ATTR{idVendor}==\"1d27\", MODE:=\"0666\", OWNER:=\"root\", GROUP:=\"video\"\n";

@@ -4,7 +4,7 @@
 mod descriptors;
 mod usbip;
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs;
 use std::io;
 use std::net::Shutdown;
@@ -13,7 +13,7 @@ use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use self::usbip::{Request, Wire};
 use crate::programs::wait_for;
@@ -112,6 +112,8 @@ struct Known {
     is_anew: bool,
     /// The cable is out.
     is_unplugged: bool,
+    /// When the first bytes of each frame were sent, by its number, nanoseconds since 1970.
+    sent_ns: BTreeMap<u64, u64>,
 }
 
 #[derive(Debug)]
@@ -179,6 +181,13 @@ impl Camera {
             }),
         ];
         Self { shared, port, threads }
+    }
+
+    /// The newest frame that was on its way by then, `unix_ns` being nanoseconds since 1970.
+    pub fn newest_frame(&self, unix_ns: u64) -> Option<u64> {
+        let known = self.shared.known();
+        let by_then = known.sent_ns.iter().filter(|(_, sent_ns)| **sent_ns <= unix_ns);
+        by_then.map(|(k, _)| *k).max()
     }
 
     /// Pulls the cable out, and waits until the kernel has seen it.
@@ -353,6 +362,10 @@ fn send(shared: &Shared, params: &CameraParams) -> io::Result<()> {
             continue;
         };
         let (number, room) = known.buffers.pop_front().expect("it is not empty");
+        if *sent == 0 {
+            let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_nanos() as u64);
+            known.sent_ns.insert(k - 1, now);
+        }
         let end = (*sent + room).min(bytes.len());
         shared.wire().give(number, &bytes[*sent..end])?;
         *sent = end;
