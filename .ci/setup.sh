@@ -138,7 +138,9 @@ need_openni2() {
 }
 
 # A small machine for the tests, with a kernel of its own: emulated, where there is no other.
+can_have_vm() { [ "$(uname -m)" = x86_64 ] && command -v apt-get >/dev/null; }
 need_vm() {
+  can_have_vm || return
   need qemu-system-x86 "to boot a small machine, whose kernel reads an emulated camera" command -v qemu-system-x86_64
   need busybox-static "the tools of that machine" has_file /bin/busybox
   need udev "which names cameras there, and gives them to a group" has_file /bin/udevadm
@@ -150,7 +152,7 @@ need_vm() {
 make_vm_kernel() {
   local folder=$PWD/target/vm package work image offset
   [ -e "$folder/vmlinux" ] && return
-  if [ "$(uname -m)" != x86_64 ] || ! command -v apt-get >/dev/null; then
+  if ! can_have_vm; then
     say "no kernel for the small machine: only Debian's for amd64 is known here"
     return 1
   fi

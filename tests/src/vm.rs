@@ -89,8 +89,8 @@ fn run() -> Option<Outcome> {
     if !missing.is_empty() {
         let missing = missing.join(", ");
         let is_required = std::env::var_os("SWARD_REQUIRE_VM").is_some_and(|value| value == "1");
-        assert!(!is_required, "there is no {missing}, and SWARD_REQUIRE_VM=1");
-        eprintln!("skipped: there is no {missing}");
+        assert!(!is_required, "not here: {missing}; and SWARD_REQUIRE_VM=1");
+        eprintln!("skipped: not here: {missing}");
         return None;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");

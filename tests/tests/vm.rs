@@ -19,7 +19,7 @@ use tests::conformance::{self, Bench, first_frame, frames, number, until_interru
 use tests::daemon::Daemon;
 use tests::programs::{DEADLINE, Program, Running, wait_for};
 use tests::uvc::{Camera, CameraParams, Fault, Pixels};
-use tests::{shipped_recording, vm};
+use tests::vm;
 
 /// The group that owns cameras, and a user who is in no group but his own: as the machine's `/etc/group` has them.
 const VIDEO: u32 = 44;

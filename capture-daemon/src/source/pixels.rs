@@ -86,8 +86,9 @@ impl PixelFormat {
         stride.max(self.row_bytes(width))
     }
 
-    /// The depth of a frame, row-major, `width`·`height` counts: `bytes` as the driver gave them, rows as in
-    /// [`Self::frame_bytes`]. What follows the last row is not looked at. O(width·height).
+    /// The depth of a frame, row-major, `width`·`height` counts: `bytes` as the driver gave them, `size` columns and rows,
+    /// rows `stride` bytes after each other (0: without padding; those of [`Self::Inzi`] have none). What follows the last
+    /// row is not looked at. O(width·height).
     ///
     /// # Errors
     /// When there are fewer bytes than that takes.
