@@ -313,6 +313,26 @@ mod tests {
     }
 
     #[test]
+    fn at_the_end_of_the_window_a_leaf_before_a_wall_has_edges_and_a_surface_that_goes_on_has_none() {
+        let edges = |behind_m: f32| {
+            let depth_m = |x: i32, _: i32| if (x - 40).abs() <= 5 { 0.895 } else { behind_m };
+            let mask = mask_of((80, 100), depth_m);
+            let section = |y: i32| {
+                let expected =
+                    Expected { depth_m: 0.895, ..section_along_row(&mask, Vec2::ZERO, 5.5).expected };
+                let expected = Expected { mid: Vec2::new(40.0, y as f32), ..expected };
+                Section { expected, measured: expected.measure(&mask), anchor: ANCHOR, guide_px: None }
+            };
+            let sections = (10..90).rev().map(section).collect();
+            let ribbon = Ribbon { sections, root: End::Free, tip: End::Free, unsure: 0 };
+            let params = MaskParams::default();
+            look(&mask, &ribbon, [params.near_m as f32, params.far_m as f32]).at_window
+        };
+        assert_eq!(edges(0.91), [0.0, 1.0]);
+        assert_eq!(edges(1.5), [0.0, 0.0]);
+    }
+
+    #[test]
     fn ragged_edges_are_odd() {
         let (even, ragged) = (margins(0, |_, _| 0), margins(3, |_, _| 0));
         assert_eq!(even.unseen, 1.0, "nothing is seen beside it");

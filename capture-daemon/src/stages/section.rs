@@ -407,3 +407,20 @@ impl Expected {
         [-0.25, 0.25].map(|step| (0..steps).map(|j| coverage((j as f32 + 0.5) * step)).sum::<f32>() * 0.25)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stages::drawn::{mask_of, section_along_row};
+
+    #[test]
+    fn what_the_border_of_the_region_cuts_off_has_no_edges() {
+        for (middle, known) in [(40.0, true), (7.6, true), (6.0, false), (3.0, false), (74.0, false)] {
+            let mask = mask_of((80, 40), |x, _| if (x as f32 - middle).abs() < 5.5 { 0.5 } else { 1.5 });
+            let measured = section_along_row(&mask, Vec2::new(middle, 20.0), 5.5).measured;
+            let edges = [measured.left_px, measured.right_px].map(|edge| edge.is_some());
+            assert_eq!(edges, [known; 2], "at column {middle}");
+            assert_eq!(measured.middle, Middle::Blade);
+        }
+    }
+}
