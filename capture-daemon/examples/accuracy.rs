@@ -1,5 +1,7 @@
 //! Prints how true the capture is, family by family:
-//! `accuracy [clips] [first seed] [family]... [--markdown FILE]`.
+//! `accuracy [clips] [first seed] [family]... [--size WxH] [--markdown FILE]`.
+//!
+//! `--size`: columns and rows of the pictures in pixels, each 16 to 1280; 640x480 without it.
 //!
 //! Each column is explained under the table. Clips are measured on all processors; the result does
 //! not depend on how many there are.
@@ -9,7 +11,7 @@ use std::process::ExitCode;
 
 use capture_daemon::session::SessionParams;
 use capture_daemon::synth::accuracy::{Summary, measure};
-use capture_daemon::synth::{ClipParams, FAMILIES, Family, Scene, sweep};
+use capture_daemon::synth::{ClipParams, FAMILIES, Family, Scene, parse_size, sweep};
 
 /// What is to be measured.
 #[derive(Debug, PartialEq)]
@@ -18,6 +20,8 @@ struct Asked {
     first: u64,
     /// None: all families.
     families: Vec<Family>,
+    /// Columns and rows, pixels.
+    size: (usize, usize),
     markdown: Option<String>,
 }
 
@@ -27,13 +31,18 @@ impl Asked {
     /// # Errors
     /// One sentence of what is wrong with them.
     fn of(mut arguments: impl Iterator<Item = String>) -> Result<Self, String> {
-        let mut asked = Self { clips: 20, first: 1, families: Vec::new(), markdown: None };
+        let ClipParams { width, height, .. } = ClipParams::default();
+        let (families, size) = (Vec::new(), (width, height));
+        let mut asked = Self { clips: 20, first: 1, families, size, markdown: None };
         let mut numbers = 0;
         while let Some(argument) = arguments.next() {
             if argument == "--markdown" {
                 let file =
                     arguments.next().ok_or("--markdown: expected a file after it, such as table.md")?;
                 asked.markdown = Some(file);
+            } else if argument == "--size" {
+                let size = arguments.next().ok_or("--size: expected a size after it, such as 512x424")?;
+                asked.size = parse_size(&size).map_err(|wrong| format!("--size: {wrong}"))?;
             } else if let Ok(number) = argument.parse() {
                 match numbers {
                     0 => asked.clips = number,
@@ -60,10 +69,14 @@ impl Asked {
 }
 
 fn main() -> ExitCode {
-    let Asked { clips, first, families, markdown } = match Asked::of(std::env::args().skip(1)) {
+    let Asked { clips, first, families, size: (width, height), markdown } = match Asked::of(
+        std::env::args().skip(1),
+    ) {
         Ok(asked) => asked,
         Err(wrong) => {
-            eprintln!("accuracy: {wrong}; accuracy [clips] [first seed] [family]... [--markdown FILE]");
+            eprintln!(
+                "accuracy: {wrong}; accuracy [clips] [first seed] [family]... [--size WxH] [--markdown FILE]"
+            );
             return ExitCode::from(2);
         }
     };
@@ -71,7 +84,12 @@ fn main() -> ExitCode {
     let mut table = format!("{}\n", Summary::MARKDOWN_HEAD);
     for family in FAMILIES.into_iter().filter(wanted) {
         let summary = Summary::of(&sweep(first..first + clips, |seed| {
-            let clip = ClipParams { frames: Scene::new(family, seed).frames(), ..ClipParams::default() };
+            let clip = ClipParams {
+                width,
+                height,
+                frames: Scene::new(family, seed).frames(),
+                ..ClipParams::default()
+            };
             measure(family, seed, clip, &SessionParams::default()).expect("valid parameters")
         }));
         println!("{:10}  {summary}", family.name());
@@ -79,7 +97,8 @@ fn main() -> ExitCode {
     }
     if let Some(path) = markdown {
         let last = first + clips.saturating_sub(1);
-        let text = format!("{table}\nSeeds {first} to {last}. {}\n", Summary::LEGEND);
+        let text =
+            format!("{table}\nSeeds {first} to {last}, {width}×{height} pixels. {}\n", Summary::LEGEND);
         if let Err(error) = std::fs::write(&path, text) {
             eprintln!("accuracy: {path}: cannot be written ({error}); check the folder");
             return ExitCode::FAILURE;
@@ -104,5 +123,9 @@ mod tests {
         let row = asked("200 9000 row --markdown table.md").expect("right");
         assert_eq!((row.clips, row.first, row.families), (200, 9000, vec![Family::Row]));
         assert_eq!(row.markdown.as_deref(), Some("table.md"));
+        assert_eq!((row.size, asked("--size 512x424").expect("right").size), ((640, 480), (512, 424)));
+        for wrong in ["--size", "--size 5x5", "--size wide"] {
+            assert!(asked(wrong).is_err(), "{wrong}");
+        }
     }
 }

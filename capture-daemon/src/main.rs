@@ -100,7 +100,11 @@ fn load(args: &ConfigArgs) -> anyhow::Result<Config> {
 fn exit_code(error: &anyhow::Error) -> u8 {
     let refused = error.downcast_ref::<ClientError>();
     let no_source = matches!(error.downcast_ref(), Some(RecordError::NoSource));
-    if no_source || error.is::<ConfigError>() || refused.is_some_and(ClientError::is_bad_argument) {
+    if no_source
+        || error.is::<ConfigError>()
+        || error.is::<synth::ClipParamsError>()
+        || refused.is_some_and(ClientError::is_bad_argument)
+    {
         BAD_ARGUMENTS
     } else if error.is::<recording::OpenError>()
         || matches!(error.downcast_ref(), Some(recording::RecoverError::Open(_)))

@@ -182,11 +182,13 @@ impl<W: Write> Output<W> {
                 )?;
             }
         }
-        for refusal in &capture.steps.refused {
-            if self.json {
+        if self.json {
+            for refusal in &capture.steps.refused {
                 self.line(&refused_event(capture, refusal))?;
-            } else {
-                writeln!(self.to, "frame {:5}  refused: {refusal}", capture.frame)?;
+            }
+        } else {
+            for line in refused_lines(&capture.steps.refused) {
+                writeln!(self.to, "frame {:5}  refused: {line}", capture.frame)?;
             }
         }
         self.to.flush()
@@ -226,6 +228,28 @@ impl<W: Write> Output<W> {
     }
 }
 
+/// What was refused in one capture, for people: the sentence of what was refused once, and one line for all that was
+/// refused more than once for the same reason.
+fn refused_lines(refused: &[Refusal]) -> Vec<String> {
+    let mut counts: Vec<(&str, usize)> = Vec::new();
+    for code in refused.iter().map(Refusal::code) {
+        match counts.iter_mut().find(|(known, _)| *known == code) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((code, 1)),
+        }
+    }
+    let once = |refusal: &&Refusal| counts.contains(&(refusal.code(), 1));
+    let mut lines: Vec<String> = refused.iter().filter(once).map(ToString::to_string).collect();
+    counts.retain(|(_, count)| *count > 1);
+    counts.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    let sums: Vec<String> =
+        counts.iter().map(|(code, count)| format!("{count} {}", code.replace('_', " "))).collect();
+    if !sums.is_empty() {
+        lines.push(sums.join(", "));
+    }
+    lines
+}
+
 fn blade_event(capture: &Capture, captured: &CapturedBlade) -> Value {
     let knots: Vec<Value> = captured
         .knots_in_camera
@@ -256,4 +280,20 @@ fn refused_event(capture: &Capture, refusal: &Refusal) -> Value {
         "event": "refused", "frame": capture.frame, "timestamp_ns": capture.timestamp_ns,
         "code": refusal.code(), "reason": refusal.to_string(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_refused_alike_is_summed_up() {
+        let short = |found_m| Refusal::TooShort { found_m, needed_m: 0.03 };
+        let refused =
+            [short(0.01), Refusal::Outside, short(0.02), Refusal::Hidden, Refusal::Outside, short(0.025)];
+        let expected = [Refusal::Hidden.to_string(), "3 too short, 2 outside".to_owned()];
+        assert_eq!(refused_lines(&refused), expected);
+        assert_eq!(refused_lines(&refused[..1]), [refused[0].to_string()]);
+        assert!(refused_lines(&[]).is_empty());
+    }
 }

@@ -3,8 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use capture_daemon::config;
+use capture_daemon::frame::CameraModel;
 use capture_daemon::recording::{self, OpenOptions};
 use capture_daemon::session::{Capture, Session};
+use capture_daemon::stages::blade::CapturedBlade;
+use capture_daemon::stages::mask::Mask;
+use glam::DVec2;
 use serde_json::Value;
 
 /// The folder of real depth, if it is there.
@@ -20,7 +24,7 @@ fn data() -> Option<PathBuf> {
 }
 
 /// The captures of one PNG of a folder, under these settings.
-fn captures(folder: &Path, png: &str, sets: &[&str]) -> Vec<(Capture, capture_daemon::frame::CameraModel)> {
+fn captures(folder: &Path, png: &str, sets: &[&str]) -> Vec<(Capture, CameraModel)> {
     let alone = tempfile::tempdir().expect("a temporary folder");
     for file in [png, "camera.toml"] {
         std::fs::copy(folder.join(file), alone.path().join(file)).expect("it can be copied");
@@ -35,6 +39,16 @@ fn captures(folder: &Path, png: &str, sets: &[&str]) -> Vec<(Capture, capture_da
     }
     captures
 }
+
+const SORGHUM_VIEWS: [&str; 7] = [
+    "DepthImage_21600208944_0.png",
+    "DepthImage_21660538681_2.png",
+    "DepthImage_21690878844_3.png",
+    "DepthImage_21721208930_4.png",
+    "DepthImage_21811878836_7.png",
+    "DepthImage_21872538140_9.png",
+    "DepthImage_21932878750_11.png",
+];
 
 const SORGHUM: [&str; 4] =
     ["mask.near_m=0.6", "mask.far_m=1.25", "mask.roi=[60,90,380,325]", "capture.hold_s=0"];
@@ -107,6 +121,96 @@ fn a_sorghum_has_its_leaves_from_every_side() {
     }
 }
 
+/// How far a midrib is from the middle of what is seen there of its leaf, over half of that width, at places along
+/// it where both edges are seen in the readings: told from them alone, by their steps in depth.
+fn off_middle(mask: &Mask, camera: &CameraModel, blade: &CapturedBlade) -> Vec<f64> {
+    const STEP_M: f32 = 0.012;
+    const FARTHEST_PX: f64 = 40.0;
+    let knots = &blade.knots_in_camera;
+    let pixels: Vec<DVec2> = knots.iter().map(|knot| DVec2::from(camera.project(knot.position))).collect();
+    let [x0, y0, x1, y1] = mask.region;
+    let at = |point: DVec2| {
+        let (x, y) = (point.x.round() as usize, point.y.round() as usize);
+        let inside = (x0..x1).contains(&x) && (y0..y1).contains(&y);
+        inside.then(|| mask.depth_m[y * mask.width + x])
+    };
+    let reach = |from: DVec2, way: DVec2| {
+        let (mut before, mut px) = (at(from).filter(|depth_m| *depth_m > 0.0)?, 0.0);
+        while px < FARTHEST_PX {
+            // Beyond the border of the region nothing is known.
+            let depth_m = at(from + way * (px + 0.5))?;
+            if depth_m <= 0.0 || (depth_m - before).abs() > STEP_M {
+                return Some(px);
+            }
+            (before, px) = (depth_m, px + 0.5);
+        }
+        None
+    };
+    let mut off = Vec::new();
+    for pair in pixels.windows(2) {
+        let aside = (pair[1] - pair[0]).normalize_or_zero().perp();
+        for k in 0..8 {
+            let from = pair[0].lerp(pair[1], f64::from(k) / 8.0);
+            if let (Some(left), Some(right)) = (reach(from, -aside), reach(from, aside)) {
+                off.push((right - left).abs() / (left + right + 1.0));
+            }
+        }
+    }
+    off
+}
+
+#[test]
+fn midribs_run_along_the_middle_of_their_leaves() {
+    let Some(data) = data() else { return };
+    for png in SORGHUM_VIEWS {
+        let captures = captures(&data.join("sorghum_kinect2"), png, &SORGHUM);
+        let [(capture, camera)] = captures.as_slice() else { panic!("{} captures", captures.len()) };
+        let mask = &capture.steps.mask;
+        let (mut off, mut on_plant, mut knots) = (Vec::new(), 0, 0);
+        for blade in &capture.steps.blades {
+            off.extend(off_middle(mask, camera, blade));
+            for knot in &blade.knots_in_camera {
+                let (x, y) = camera.project(knot.position);
+                let index = mask.index_at(DVec2::new(x, y).as_vec2());
+                on_plant += usize::from(index.is_some_and(|index| mask.occupancy[index] > 0.0));
+                knots += 1;
+            }
+        }
+        off.sort_by(f64::total_cmp);
+        let (median, most) = (off[off.len() / 2], off[off.len() * 9 / 10]);
+        let share = on_plant as f64 / knots as f64;
+        println!("{png}: off the middle {median:.2}, a tenth more than {most:.2}; {share:.2} on the plant");
+        assert!(median < 0.25 && most < 0.75, "{png}: off the middle {median:.2}, a tenth {most:.2}");
+        assert!(share > 0.85, "{png}: {share:.2} of the knots are on the plant");
+    }
+}
+
+#[test]
+fn leaves_that_leave_the_region_are_followed_to_its_border() {
+    let Some(data) = data() else { return };
+    // The middle between both edges in the last row of the region, from the readings.
+    let ends: [(&str, &[f64]); 4] = [
+        ("DepthImage_21660538681_2.png", &[291.5, 333.0]),
+        ("DepthImage_21690878844_3.png", &[231.5]),
+        ("DepthImage_21721208930_4.png", &[135.5, 181.5]),
+        ("DepthImage_21872538140_9.png", &[173.0]),
+    ];
+    for (png, ends) in ends {
+        let captures = captures(&data.join("sorghum_kinect2"), png, &SORGHUM);
+        let [(capture, camera)] = captures.as_slice() else { panic!("{} captures", captures.len()) };
+        let tips: Vec<(f64, f64)> = capture
+            .steps
+            .blades
+            .iter()
+            .map(|blade| camera.project(blade.knots_in_camera[blade.knots_in_camera.len() - 1].position))
+            .collect();
+        for end in ends {
+            let is_there = |(x, y): &(f64, f64)| (x - end).abs() < 5.0 && *y > 320.0;
+            assert!(tips.iter().any(is_there), "{png}: no tip at {end}: {tips:?}");
+        }
+    }
+}
+
 #[test]
 fn ragged_crops_give_few_blades() {
     let Some(data) = data() else { return };
@@ -150,7 +254,7 @@ fn a_leaf_that_comes_towards_the_camera_is_followed_from_its_stem_to_its_tip() {
     // Both ends by eye on enlarged depth.
     let (root, tip) = ((210.0, 259.0), (229.0, 168.0));
     let near = |(x, y): (f64, f64), (u, v): (f64, f64)| (x - u).hypot(y - v) < 12.0;
-    let ends = |blade: &capture_daemon::stages::blade::CapturedBlade| {
+    let ends = |blade: &CapturedBlade| {
         [0, blade.knots_in_camera.len() - 1].map(|i| camera.project(blade.knots_in_camera[i].position))
     };
     let found = capture.steps.blades.iter().map(ends).any(|[from, to]| near(from, root) && near(to, tip));
@@ -165,7 +269,7 @@ fn without_midrib(data: &Path, leaves: &[Leaf]) -> Vec<Leaf> {
     let has_midrib = |(png, root, tip): &Leaf| {
         let captures = captures(&data.join("sorghum_kinect2"), png, &SORGHUM);
         let [(capture, _)] = captures.as_slice() else { panic!("{} captures", captures.len()) };
-        let near = |at: glam::Vec2, (x, y): (f64, f64)| at.as_dvec2().distance(glam::DVec2::new(x, y)) < 12.0;
+        let near = |at: glam::Vec2, (x, y): (f64, f64)| at.as_dvec2().distance(DVec2::new(x, y)) < 12.0;
         capture.steps.skeletons.iter().any(|skeleton| {
             let ends = [0, skeleton.stations.len() - 1].map(|i| skeleton.stations[i].mid);
             near(ends[0], *root) && near(ends[1], *tip)

@@ -31,10 +31,12 @@ pub struct Accumulation {
     /// Sum of their squares.
     squares: Vec<u64>,
     /// Metres of one count of the last frame.
-    depth_unit_m: f64,
+    pub(super) depth_unit_m: f64,
     /// Focal length of the camera, pixels.
     pub(super) focal_px: f32,
     first: First,
+    /// What the first frame read, counts; empty before it.
+    pub(super) readings: Vec<u16>,
 }
 
 /// What later frames are brought into line with.
@@ -65,6 +67,7 @@ impl Accumulation {
             depth_unit_m: frame.depth_unit_m,
             focal_px: frame.camera.fx as f32,
             first: First::None,
+            readings: Vec::new(),
         }
     }
 
@@ -72,6 +75,7 @@ impl Accumulation {
     pub fn clear(&mut self) {
         self.frames = 0;
         self.first = First::None;
+        self.readings.clear();
         self.hits.fill(0);
         self.silent.fill(0);
         self.sum.fill(0);
@@ -104,6 +108,7 @@ impl Accumulation {
         match &mut self.first {
             First::None => {
                 self.first = First::Frame(frame.clone());
+                self.readings.clone_from(&frame.depth);
                 self.add_still(frame, &window, region);
             }
             First::Frame(_) | First::Vague => self.add_still(frame, &window, region),

@@ -146,6 +146,7 @@ mod tests {
             occupancy: vec![1.0; pixels],
             unseen: vec![false; pixels],
             depth_m: vec![0.5; pixels],
+            outside_m: Vec::new(),
             depth_noise_m: 0.0,
             hand: vec![false; pixels],
             blobs: none.clone(),

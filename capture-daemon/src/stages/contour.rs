@@ -219,6 +219,7 @@ mod tests {
             depth_m: vec![0.5; occupancy.len()],
             hand: vec![false; occupancy.len()],
             unseen: vec![false; occupancy.len()],
+            outside_m: Vec::new(),
             depth_noise_m: 0.0,
             blobs: one_region(&occupancy, width, height),
             pieces: one_region(&occupancy, width, height),

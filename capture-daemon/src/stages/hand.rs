@@ -387,8 +387,11 @@ pub(super) fn chamfer(mask: &Mask, seed: impl Fn(usize) -> bool) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec2;
+
     use super::*;
     use crate::stages::accumulate::Accumulation;
+    use crate::stages::drawn::mask_of;
     use crate::stages::mask::{MaskParams, extract};
     use crate::synth::{Clip, ClipParams, Family, Scene};
 
@@ -433,5 +436,25 @@ mod tests {
         for family in [Family::Single, Family::Row, Family::Fan, Family::Crossing] {
             assert!(!seen(family, 7).0.hand.contains(&true), "{family:?}");
         }
+    }
+
+    /// The mask of something as round and thick as a fist, 0.1 m across and half a metre away, of which the lower
+    /// border of the picture cuts off a chord so wide.
+    fn fist(chord_m: f32) -> Mask {
+        const RADIUS_PX: f32 = 57.0;
+        const PX_PER_M: f32 = 570.0 / 0.53;
+        let half_chord_px = 0.5 * chord_m * PX_PER_M;
+        let middle = Vec2::new(100.0, 149.5 - (RADIUS_PX.powi(2) - half_chord_px.powi(2)).sqrt());
+        mask_of((200, 150), |x, y| {
+            let away = Vec2::new(x as f32, y as f32).distance(middle) / RADIUS_PX;
+            if away < 1.0 { 0.5 + 0.03 * away * away } else { 1.5 }
+        })
+    }
+
+    #[test]
+    fn what_hardly_touches_the_border_is_no_hand_that_comes_in_from_there() {
+        let least_m = HandParams::default().min_border_m;
+        let is_hand = |chord_m: f32| fist(chord_m).hand.contains(&true);
+        assert!(!is_hand(0.8 * least_m) && is_hand(1.2 * least_m));
     }
 }

@@ -17,7 +17,7 @@ pub struct Margins {
     /// region, or goes on beyond a gap without readings.
     pub cut: f32,
     /// Share of the edges that lie so near to the nearest or farthest depth that counts, 0..=1, that its
-    /// surface may go on there; they are among those that are cut.
+    /// surface may go on there, unless what is read beyond is far off; they are among those that are cut.
     pub at_window: [f32; 2],
     /// Share of the edges at the border of the region, 0..=1.
     pub at_border: f32,
@@ -119,13 +119,18 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
         sections += 1.0;
         let told = match (measured.left_px, measured.right_px) {
             (Some(_), Some(_)) => true,
-            (Some(_), None) => is_hidden(mask, expected, 1.0),
-            (None, Some(_)) => is_hidden(mask, expected, -1.0),
-            (None, None) => false,
+            (Some(_), None) => is_cut_off(mask, expected, 1.0) || is_hidden(mask, expected, 1.0),
+            (None, Some(_)) => is_cut_off(mask, expected, -1.0) || is_hidden(mask, expected, -1.0),
+            (None, None) => is_cut_off(mask, expected, 1.0) && is_cut_off(mask, expected, -1.0),
         };
         both += if told { 1.0 } else { 0.0 };
         for (edge, side) in [(measured.left_px, -1.0), (measured.right_px, 1.0)] {
-            let Some(edge) = edge else { continue };
+            let Some(edge) = edge else {
+                if is_cut_off(mask, expected, side) {
+                    (edges, border) = (edges + 1.0, border + 1.0);
+                }
+                continue;
+            };
             edges += 1.0;
             waver += (side * edge - expected.half_px).abs();
             let from = expected.mid + expected.across * edge;
@@ -162,6 +167,15 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
         turning: share(turning, turns),
         turned: turned(&ribbon.sections),
     }
+}
+
+/// Whether the edge of a cross-section to one side (−1 left, 1 right) lies beyond the border of the region.
+fn is_cut_off(mask: &Mask, expected: &Expected, side: f32) -> bool {
+    // As near as an edge is taken for the border's own.
+    const NEAR_PX: f32 = 1.5;
+    let edge = expected.mid + expected.across * side * (expected.half_px + NEAR_PX);
+    let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32 - 0.5);
+    edge.x < x0 || edge.y < y0 || edge.x >= x1 || edge.y >= y1
 }
 
 /// Whether something nearer hides the edge of a cross-section to one side (−1 left, 1 right).
@@ -232,7 +246,9 @@ fn beyond(mask: &Mask, from: Vec2, way: Vec2, surface: Surface, [near, far]: [f3
                 continue;
             }
             // A reading outside of the window.
-            return at_limit.map_or(Beyond::Apart, Beyond::Window);
+            let outside_m = mask.outside_m.get(index).copied().filter(|outside_m| *outside_m > 0.0);
+            let is_far_off = outside_m.is_some_and(|outside_m| (outside_m - depth_m).abs() > 2.0 * limit);
+            return at_limit.filter(|_| !is_far_off).map_or(Beyond::Apart, Beyond::Window);
         }
         let alike = (seen - depth_m).abs() <= tolerance_m;
         if k > SMEAR_PX || !alike && seen < depth_m {
@@ -294,6 +310,26 @@ mod tests {
         let (hidden, merged) = (beside(450), beside(500));
         assert_eq!((hidden.both, merged.both), (1.0, 0.0), "{hidden:?} {merged:?}");
         assert!(oddity(&hidden) < 1.0 && oddity(&merged) > 2.4, "{hidden:?} {merged:?}");
+    }
+
+    #[test]
+    fn at_the_end_of_the_window_a_leaf_before_a_wall_has_edges_and_a_surface_that_goes_on_has_none() {
+        let edges = |behind_m: f32| {
+            let depth_m = |x: i32, _: i32| if (x - 40).abs() <= 5 { 0.895 } else { behind_m };
+            let mask = mask_of((80, 100), depth_m);
+            let section = |y: i32| {
+                let expected =
+                    Expected { depth_m: 0.895, ..section_along_row(&mask, Vec2::ZERO, 5.5).expected };
+                let expected = Expected { mid: Vec2::new(40.0, y as f32), ..expected };
+                Section { expected, measured: expected.measure(&mask), anchor: ANCHOR, guide_px: None }
+            };
+            let sections = (10..90).rev().map(section).collect();
+            let ribbon = Ribbon { sections, root: End::Free, tip: End::Free, unsure: 0 };
+            let params = MaskParams::default();
+            look(&mask, &ribbon, [params.near_m as f32, params.far_m as f32]).at_window
+        };
+        assert_eq!(edges(0.91), [0.0, 1.0]);
+        assert_eq!(edges(1.5), [0.0, 0.0]);
     }
 
     #[test]

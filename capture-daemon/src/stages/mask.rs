@@ -200,6 +200,9 @@ pub struct Mask {
     pub unseen: Vec<bool>,
     /// Mean depth, metres; 0 where there is none.
     pub depth_m: Vec<f32>,
+    /// What the first frame read outside of the window, metres; 0 within it and where there is no reading, or none
+    /// at all where that is not known.
+    pub outside_m: Vec<f32>,
     /// Noise of that mean, metres, one standard deviation.
     pub depth_noise_m: f32,
     /// The hand and forearm that hold the blades; they are in no region. Empty where there is none.
@@ -274,6 +277,7 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
         occupancy: vec![0.0; width * height],
         unseen,
         depth_m: vec![0.0; width * height],
+        outside_m: outside_m(accumulation, params),
         depth_noise_m: 0.0,
         hand: Vec::new(),
         blobs: Labels::none(width * height),
@@ -300,6 +304,16 @@ pub fn extract(accumulation: &Accumulation, params: &MaskParams) -> Mask {
     }
     grow_fringes(&mut mask);
     mask
+}
+
+/// [`Mask::outside_m`].
+fn outside_m(accumulation: &Accumulation, params: &MaskParams) -> Vec<f32> {
+    let unit_m = accumulation.depth_unit_m;
+    let outside = |counts: &u16| {
+        let metres = f64::from(*counts) * unit_m;
+        if (params.near_m..=params.far_m).contains(&metres) { 0.0 } else { metres as f32 }
+    };
+    accumulation.readings.iter().map(outside).collect()
 }
 
 /// Largest depth difference between neighbours of one surface at depth `z_m`, metres: noise grows

@@ -13,6 +13,7 @@ mod chamfer;
 mod components;
 pub mod confidence;
 pub mod contour;
+mod course;
 pub mod cover;
 pub mod crease;
 mod crossing;

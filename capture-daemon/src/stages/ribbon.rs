@@ -6,6 +6,7 @@ use glam::Vec2;
 
 use super::behind;
 use super::blob::Field;
+use super::course::Course;
 use super::crease;
 use super::crossing;
 use super::hook::{doubled_back, unhook, way};
@@ -113,6 +114,7 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
         for wavelength_px in [24.0, MIDRIB_WAVELENGTH_PX] {
             settle(mask, &mut ribbon.sections, wavelength_px);
         }
+        end_at_border(mask, ribbon);
     }
     longest_first(&mut ribbons);
     let mut kept: Vec<Course> = Vec::new();
@@ -126,6 +128,20 @@ pub fn grow(mask: &Mask, parts: &[Part], fields: &[Field], params: &RibbonParams
         })
         .collect();
     ribbons.into_iter().zip(is_kept).filter_map(|(ribbon, is_kept)| is_kept.then_some(ribbon)).collect()
+}
+
+/// Forgets the sections at both ends that smoothing has put beyond the region.
+fn end_at_border(mask: &Mask, Ribbon { sections, unsure, .. }: &mut Ribbon) {
+    let [x0, y0, x1, y1] = mask.region.map(|edge| edge as f32 - 0.5);
+    let within = |section: &Section| {
+        let Vec2 { x, y } = section.expected.mid;
+        x >= x0 && y >= y0 && x <= x1 && y <= y1
+    };
+    let ends = sections.iter().position(within).zip(sections.iter().rposition(within));
+    let Some((first, last)) = ends else { return };
+    sections.truncate(last + 1);
+    sections.drain(..first);
+    *unsure = unsure.saturating_sub(first);
 }
 
 /// Largest distance of a reading from where its blade is expected, metres.
@@ -169,11 +185,14 @@ fn visible_stretch<'a>(
 pub(super) fn follow(mask: &Mask, ribbon: &mut Ribbon, fields: &[Field], params: &RibbonParams) {
     let cut = ribbon.root == End::Shared;
     let sections = &mut ribbon.sections;
-    ribbon.tip = extend(mask, sections, &[], params, fits);
+    // Only the end that is nearer to the root of its blob can lead there.
+    let turned = !cut && leads_back(mask, sections, fields);
+    let (to_last, to_first): (&[Field], &[Field]) = if turned { (fields, &[]) } else { (&[], fields) };
+    ribbon.tip = extend(mask, sections, to_last, params, fits);
     // What is led to its base is there.
     if sections[0].guide_px.is_none() {
         reverse(sections);
-        ribbon.root = extend(mask, sections, fields, params, fits);
+        ribbon.root = extend(mask, sections, to_first, params, fits);
         reverse(sections);
     }
     let first_is_root = match (ribbon.root, ribbon.tip) {
@@ -408,85 +427,14 @@ fn root_is_far(mask: &Mask, section: &Section, fields: &[Field]) -> bool {
     field.is_some_and(|field| field.at(mid) > 5.0 * half_px + 10.0)
 }
 
-/// The place of a ribbon in the picture, to tell whether others lie on it.
-pub(super) struct Course<'a> {
-    sections: &'a [Section],
-    /// Bounding box of what it reaches.
-    reached: Extent,
-    /// The same of each [`BLOCK`] of its sections.
-    blocks: Vec<Extent>,
-}
-
-/// Sections that are passed over together.
-const BLOCK: usize = 16;
-
-/// A box in the image, pixels.
-#[derive(Clone, Copy)]
-struct Extent {
-    low: Vec2,
-    high: Vec2,
-}
-
-impl Extent {
-    fn around(self, other: Self) -> Self {
-        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
-    }
-
-    fn has(&self, point: Vec2) -> bool {
-        point.cmpge(self.low).all() && point.cmple(self.high).all()
-    }
-}
-
-impl<'a> Course<'a> {
-    pub(super) fn of(sections: &'a [Section]) -> Self {
-        let reached = |section: &Section| {
-            let (mid, reach) = (section.expected.mid, Vec2::splat(Self::reach_px(section)));
-            Extent { low: mid - reach, high: mid + reach }
-        };
-        let nothing = Extent { low: Vec2::INFINITY, high: Vec2::NEG_INFINITY };
-        let block = |sections: &[Section]| sections.iter().map(reached).fold(nothing, Extent::around);
-        let blocks: Vec<Extent> = sections.chunks(BLOCK).map(block).collect();
-        Self { sections, reached: blocks.iter().copied().fold(nothing, Extent::around), blocks }
-    }
-
-    fn reach_px(section: &Section) -> f32 {
-        section.expected.half_px.max(1.0) + 0.5
-    }
-
-    /// Whether a section lies on one of it at about the same depth.
-    /// `guess`: one that may be it, and then is.
-    fn has(&self, section: &Section, tolerance_m: f32, guess: &mut usize) -> bool {
-        let mid = section.expected.mid;
-        let lies_on = |own: &Section| {
-            let near = own.expected.mid.distance(mid) < Self::reach_px(own);
-            near && (own.expected.depth_m - section.expected.depth_m).abs() < tolerance_m
-        };
-        if self.sections.get(*guess).is_some_and(lies_on) {
-            return true;
-        }
-        let near = self.blocks.iter().zip(self.sections.chunks(BLOCK)).enumerate();
-        let found = near.filter(|(_, (reached, _))| reached.has(mid)).find_map(|(block, (_, sections))| {
-            sections.iter().position(lies_on).map(|at| block * BLOCK + at)
-        });
-        *guess = found.unwrap_or(*guess);
-        found.is_some()
-    }
-
-    /// Whether it has most of what is seen of another one.
-    pub(super) fn covers(&self, other: &Self, mask: &Mask) -> bool {
-        if self.reached.low.cmpgt(other.reached.high).any()
-            || other.reached.low.cmpgt(self.reached.high).any()
-        {
-            return false;
-        }
-        let tolerance_m = 3.0 * tolerance_m(mask);
-        let clear = || other.sections.iter().filter(|section| section.edges_seen() > 0);
-        // Half of them that it does not have are enough to tell.
-        let (mut left, mut guess) = (clear().count().div_ceil(2), 0);
-        left > 0
-            && clear().all(|section| {
-                left -= usize::from(!self.has(section, tolerance_m, &mut guess));
-                left > 0
-            })
-    }
+/// Whether the last one of some sections is nearer to the root of the blob that they lie on than the first one.
+fn leads_back(mask: &Mask, sections: &[Section], fields: &[Field]) -> bool {
+    let on_blob = |section: &Section| {
+        let label = mask.index_at(section.expected.mid).map_or(0, |index| mask.blobs.of[index]);
+        (label > 0).then_some((label, section.expected.mid))
+    };
+    let mut places = sections.iter().filter_map(on_blob);
+    let Some(((label, first), (other, last))) = places.next().zip(places.next_back()) else { return false };
+    let field = fields.get(usize::from(label) - 1);
+    label == other && field.is_some_and(|field| field.at(last) < field.at(first))
 }

@@ -55,8 +55,8 @@ pub enum Middle {
 pub struct Measured {
     /// What lies at its middle.
     pub middle: Middle,
-    /// Offset of the left edge along `across`, pixels; `None` where something hides it or it runs
-    /// into another blade.
+    /// Offset of the left edge along `across`, pixels; `None` where something hides it, it runs into another blade,
+    /// or the border of the region cuts off the cross-section.
     pub left_px: Option<f32>,
     /// Offset of the right edge.
     pub right_px: Option<f32>,
@@ -80,6 +80,8 @@ const STEP_PX: f32 = 0.5;
 const RIM_PX: f32 = 1.2;
 /// A shadow without readings beside a nearer edge is no wider.
 const SHADOW_PX: f32 = 5.0;
+/// What ends nearer to the border of the region goes on beyond it, steps.
+const BORDER: i32 = (1.5 / STEP_PX) as i32;
 /// How far an edge that jitters from frame to frame is smeared.
 const SMEAR_PX: f32 = 2.5;
 
@@ -133,6 +135,12 @@ impl<'a> Line<'a> {
         // What is negative is far too large as an unsigned number.
         let [x, y] = self.place(step).map(|at| (at >> FRACTION) as usize);
         (x < self.mask.width && y < self.mask.height).then(|| y * self.mask.width + x)
+    }
+
+    fn is_within_region(&self, step: i32) -> bool {
+        let [x, y] = self.place(step).map(|at| (at >> FRACTION) as usize);
+        let [x0, y0, x1, y1] = self.mask.region;
+        x >= x0 && y >= y0 && x < x1 && y < y1
     }
 
     fn at(&mut self, step: i32) -> Sight {
@@ -194,8 +202,14 @@ impl Expected {
         if middle != Middle::Blade {
             return Measured::nothing(middle);
         }
-        let left = self.edge(&mut line, -1);
-        let right = self.edge(&mut line, 1);
+        let [mut left, mut right] = [-1, 1].map(|side| self.edge(&mut line, side));
+        // What the border of the region cuts off tells neither where its middle is nor how wide it is.
+        let limit = (self.half_px / STEP_PX) as i32 + BORDER;
+        if left.is_none() && !line.is_within_region(-limit)
+            || right.is_none() && !line.is_within_region(limit)
+        {
+            (left, right) = (None, None);
+        }
         let inner = (
             left.map_or(-0.6 * self.half_px, |l| l + RIM_PX).min(0.0),
             right.map_or(0.6 * self.half_px, |r| r - RIM_PX).max(0.0),
@@ -297,7 +311,7 @@ impl Expected {
             }
             k += 1;
         }
-        if last > limit {
+        if last > limit || !line.is_within_region(side * (last + BORDER)) {
             return None;
         }
         let mut beyond = |steps: i32| line.at(side * (last + steps));
@@ -391,5 +405,22 @@ impl Expected {
             self.covered(mask, pixel, (point - corner).to_array(), self.depth_at(t), None)
         };
         [-0.25, 0.25].map(|step| (0..steps).map(|j| coverage((j as f32 + 0.5) * step)).sum::<f32>() * 0.25)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stages::drawn::{mask_of, section_along_row};
+
+    #[test]
+    fn what_the_border_of_the_region_cuts_off_has_no_edges() {
+        for (middle, known) in [(40.0, true), (7.6, true), (6.0, false), (3.0, false), (74.0, false)] {
+            let mask = mask_of((80, 40), |x, _| if (x as f32 - middle).abs() < 5.5 { 0.5 } else { 1.5 });
+            let measured = section_along_row(&mask, Vec2::new(middle, 20.0), 5.5).measured;
+            let edges = [measured.left_px, measured.right_px].map(|edge| edge.is_some());
+            assert_eq!(edges, [known; 2], "at column {middle}");
+            assert_eq!(measured.middle, Middle::Blade);
+        }
     }
 }

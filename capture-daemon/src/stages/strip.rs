@@ -3,10 +3,11 @@
 use glam::Vec2;
 
 use super::blob::Field;
+use super::course::Course;
 use super::join::bridge;
 use super::mask::Mask;
 use super::partition::Part;
-use super::ribbon::{Course, End, Ribbon, RibbonParams, Section, extend, fits, follow, reverse, unsure};
+use super::ribbon::{End, Ribbon, RibbonParams, Section, extend, fits, follow, reverse, unsure};
 use super::section::Middle;
 use super::seed::seed;
 use super::settle::settle_roughly;

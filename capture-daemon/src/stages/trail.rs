@@ -33,6 +33,9 @@ const OFF_M: f32 = 0.03;
 /// direction tells of it.
 const TURNED: f32 = -0.2;
 const STRAIGHT: f32 = 0.9;
+/// What lies beyond no wider a gap, pixels, may be the tip of a leaf that is folded over: cosine of the largest angle.
+const TOUCHING_PX: f32 = 1.0;
+const FOLDED: f32 = -0.6;
 
 /// Carries ribbons whose tip is not shared on to crumbs of the same leaf: what no ribbon lies on, is as narrow
 /// as the ribbon, and is reached from its tip over pixels without readings only. A gap is as long as
@@ -259,7 +262,8 @@ impl Crumb {
         let from_m = if is_held(mask, from) { mask.depth_m[from] } else { tip.depth_m };
         let across_m = back as f32 * from_m / params.focal_px;
         let off_m = (entry_m - from_m).abs();
-        if ahead < TURNED || off_m > OFF_M + MAX_STEEPNESS * across_m {
+        let turned = if gap <= TOUCHING_PX { FOLDED } else { TURNED };
+        if ahead < turned || off_m > OFF_M + MAX_STEEPNESS * across_m {
             return None;
         }
         let narrow = self

@@ -39,9 +39,9 @@ impl Default for ClipParams {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{what} is {found}; expected {expected}")]
 pub struct ClipParamsError {
-    what: &'static str,
-    found: String,
-    expected: &'static str,
+    pub(super) what: &'static str,
+    pub(super) found: String,
+    pub(super) expected: &'static str,
 }
 
 impl ClipParams {

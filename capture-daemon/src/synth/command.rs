@@ -1,10 +1,11 @@
 //! The verb `synth`: clips and their truth as files.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::clip::{Clip, ClipParams};
+use super::clip::{Clip, ClipParams, ClipParamsError};
 use super::scene::{FAMILIES, Family, Scene};
 use super::truth::Truth;
 use crate::config::Config;
@@ -82,7 +83,10 @@ pub struct SynthArgs {
 }
 
 /// `640x480` as columns and rows.
-fn parse_size(text: &str) -> Result<(usize, usize), String> {
+///
+/// # Errors
+/// What is wrong with it, in a sentence without its full stop.
+pub fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let sides =
         text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
     let wrong = || format!("{text:?} is not a size; expected columns x rows in pixels, such as 640x480");
@@ -105,17 +109,31 @@ fn checked<T>(value: T, params: ClipParams) -> Result<T, String> {
     params.check().map(|()| value).map_err(|error| error.to_string())
 }
 
+/// So many seeds from the first one on.
+fn seeds(first: u64, clips: u64) -> Result<RangeInclusive<u64>, ClipParamsError> {
+    match first.checked_add(clips.saturating_sub(1)) {
+        Some(last) => Ok(first..=last),
+        None => Err(ClipParamsError {
+            what: "the last clip's seed",
+            found: (u128::from(first) + u128::from(clips) - 1).to_string(),
+            expected: "18446744073709551615 at most; give a smaller --seed or fewer --clips",
+        }),
+    }
+}
+
 /// Writes the clips that are asked for; the paths of their recordings.
 ///
 /// # Errors
-/// When a parameter is out of its range, or a file cannot be written.
+/// [`ClipParamsError`] when a parameter is out of its range or there are no seeds for so many
+/// clips, anything else when a file cannot be written.
 pub fn run(args: &SynthArgs) -> anyhow::Result<Vec<PathBuf>> {
     let (width, height) = args.size;
+    let seeds = seeds(args.seed, args.clips)?;
     let params = ClipParams { width, height, noise: args.noise, ..ClipParams::default() };
     let wanted = |family| [Families::All, Families::Only(family)].iter().any(|it| args.family.contains(it));
     let mut paths = Vec::new();
     for family in FAMILIES.into_iter().filter(|&family| wanted(family)) {
-        for seed in (0..args.clips).map(|clip| args.seed.wrapping_add(clip)) {
+        for seed in seeds.clone() {
             let scene = Scene::new(family, seed);
             let params = ClipParams { frames: args.frames.unwrap_or(scene.frames()), ..params };
             let clip = Clip::new(scene, params)?;
@@ -211,4 +229,17 @@ fn write_frames(path: &Path, clip: &Clip, format: Format, compression_level: u32
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_end_at_the_largest_number() {
+        assert_eq!(seeds(7, 3).expect("there are as many").collect::<Vec<_>>(), [7, 8, 9]);
+        assert_eq!(seeds(u64::MAX, 1).expect("it is the last").count(), 1);
+        let error = seeds(u64::MAX - 1, 3).expect_err("there are but two").to_string();
+        assert!(error.contains("18446744073709551616") && error.contains("fewer --clips"), "{error}");
+    }
 }

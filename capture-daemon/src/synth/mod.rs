@@ -26,7 +26,7 @@ mod truth;
 
 pub use blade::{SECTIONS, SHAPES, Section, Shape, SyntheticBlade};
 pub use clip::{Clip, ClipParams, ClipParamsError};
-pub use command::{Families, Format, SynthArgs, run, write};
+pub use command::{Families, Format, SynthArgs, parse_size, run, write};
 pub use held::Visit;
 pub use motion::{Pose, VisitFrames};
 pub use scene::{FAMILIES, Family, Scene};

@@ -26,6 +26,7 @@ fn mask(columns: Range<usize>, rows: Range<usize>) -> Mask {
         occupancy: inside.iter().map(|inside| f32::from(u8::from(*inside))).collect(),
         unseen: vec![false; width * height],
         depth_m: inside.iter().map(|inside| if *inside { DEPTH_M } else { 0.0 }).collect(),
+        outside_m: Vec::new(),
         depth_noise_m: 0.0,
         hand: vec![false; width * height],
         blobs: labels.clone(),
