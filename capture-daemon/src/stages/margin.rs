@@ -37,6 +37,8 @@ pub struct Margins {
     pub turned: f32,
 }
 
+/// Share of its edges near an end of the depth window from which on all of it lies there.
+const AT_END: f32 = 0.9;
 /// How much the edges of a broad leaf wave, of its width.
 const WAVER: f32 = 0.05;
 
@@ -93,6 +95,8 @@ enum Beyond {
     Border,
     /// What is not within the window, whose nearest depth (or farthest, 1) it is near to.
     Window(usize),
+    /// The same, but what is read there is far off.
+    Behind(usize),
     /// The same surface, or it would be if we had not cut it there.
     Level,
     /// Nothing that can be seen.
@@ -113,20 +117,20 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
     const ROOT_PX: f32 = 4.0;
     let own = |section: &Section| section.guide_px.is_none() && section.measured.middle == Middle::Blade;
     let [mut sections, mut both, mut edges, mut level, mut unseen, mut waver, mut border] = [0.0_f32; 7];
-    let mut at_window = [0.0_f32; 2];
+    let [mut at_window, mut behind] = [[0.0_f32; 2]; 2];
     for section in ribbon.sections.iter().filter(|section| own(section)) {
         let (expected, measured) = (&section.expected, &section.measured);
         sections += 1.0;
         let told = match (measured.left_px, measured.right_px) {
             (Some(_), Some(_)) => true,
-            (Some(_), None) => is_cut_off(mask, expected, 1.0) || is_hidden(mask, expected, 1.0),
-            (None, Some(_)) => is_cut_off(mask, expected, -1.0) || is_hidden(mask, expected, -1.0),
-            (None, None) => is_cut_off(mask, expected, 1.0) && is_cut_off(mask, expected, -1.0),
+            (Some(_), None) => is_beyond(mask, expected, 1.0) || is_hidden(mask, expected, 1.0),
+            (None, Some(_)) => is_beyond(mask, expected, -1.0) || is_hidden(mask, expected, -1.0),
+            (None, None) => is_beyond(mask, expected, 1.0) && is_beyond(mask, expected, -1.0),
         };
         both += if told { 1.0 } else { 0.0 };
         for (edge, side) in [(measured.left_px, -1.0), (measured.right_px, 1.0)] {
             let Some(edge) = edge else {
-                if is_cut_off(mask, expected, side) {
+                if is_beyond(mask, expected, side) {
                     (edges, border) = (edges + 1.0, border + 1.0);
                 }
                 continue;
@@ -140,8 +144,15 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
                 Beyond::Level => level += 1.0,
                 Beyond::Border => border += 1.0,
                 Beyond::Window(end) => at_window[end] += 1.0,
+                Beyond::Behind(end) => behind[end] += 1.0,
                 Beyond::Unseen => unseen += 1.0,
             }
+        }
+    }
+    // What lies there as a whole is held too near or too far off, whatever is beyond.
+    for (at_window, behind) in at_window.iter_mut().zip(behind) {
+        if *at_window + behind > AT_END * edges {
+            *at_window += behind;
         }
     }
     let (mut turning, mut turns) = (0.0, 0.0);
@@ -169,8 +180,13 @@ pub fn look(mask: &Mask, ribbon: &Ribbon, window_m: [f32; 2]) -> Margins {
     }
 }
 
+/// Whether the border of the region cuts off one of the edges of a cross-section.
+pub(super) fn is_cut_off(mask: &Mask, expected: &Expected) -> bool {
+    is_beyond(mask, expected, -1.0) || is_beyond(mask, expected, 1.0)
+}
+
 /// Whether the edge of a cross-section to one side (−1 left, 1 right) lies beyond the border of the region.
-fn is_cut_off(mask: &Mask, expected: &Expected, side: f32) -> bool {
+fn is_beyond(mask: &Mask, expected: &Expected, side: f32) -> bool {
     // As near as an edge is taken for the border's own.
     const NEAR_PX: f32 = 1.5;
     let edge = expected.mid + expected.across * side * (expected.half_px + NEAR_PX);
@@ -248,7 +264,8 @@ fn beyond(mask: &Mask, from: Vec2, way: Vec2, surface: Surface, [near, far]: [f3
             // A reading outside of the window.
             let outside_m = mask.outside_m.get(index).copied().filter(|outside_m| *outside_m > 0.0);
             let is_far_off = outside_m.is_some_and(|outside_m| (outside_m - depth_m).abs() > 2.0 * limit);
-            return at_limit.filter(|_| !is_far_off).map_or(Beyond::Apart, Beyond::Window);
+            let beyond = if is_far_off { Beyond::Behind } else { Beyond::Window };
+            return at_limit.map_or(Beyond::Apart, beyond);
         }
         let alike = (seen - depth_m).abs() <= tolerance_m;
         if k > SMEAR_PX || !alike && seen < depth_m {
@@ -314,22 +331,23 @@ mod tests {
 
     #[test]
     fn at_the_end_of_the_window_a_leaf_before_a_wall_has_edges_and_a_surface_that_goes_on_has_none() {
-        let edges = |behind_m: f32| {
-            let depth_m = |x: i32, _: i32| if (x - 40).abs() <= 5 { 0.895 } else { behind_m };
+        let edges = |near_px: i32, behind_m: f32| {
+            let depth_at = |y: i32| if y < near_px { 0.8 } else { 0.895 };
+            let depth_m = |x: i32, y: i32| if (x - 40).abs() <= 5 { depth_at(y) } else { behind_m };
             let mask = mask_of((80, 100), depth_m);
             let section = |y: i32| {
-                let expected =
-                    Expected { depth_m: 0.895, ..section_along_row(&mask, Vec2::ZERO, 5.5).expected };
-                let expected = Expected { mid: Vec2::new(40.0, y as f32), ..expected };
-                Section { expected, measured: expected.measure(&mask), anchor: ANCHOR, guide_px: None }
+                let like = section_along_row(&mask, Vec2::new(40.0, y as f32), 5.5);
+                let expected = Expected { depth_m: depth_at(y), ..like.expected };
+                Section { expected, measured: expected.measure(&mask), ..like }
             };
             let sections = (10..90).rev().map(section).collect();
             let ribbon = Ribbon { sections, root: End::Free, tip: End::Free, unsure: 0 };
             let params = MaskParams::default();
             look(&mask, &ribbon, [params.near_m as f32, params.far_m as f32]).at_window
         };
-        assert_eq!(edges(0.91), [0.0, 1.0]);
-        assert_eq!(edges(1.5), [0.0, 0.0]);
+        assert_eq!(edges(50, 0.91), [0.0, 0.5]);
+        assert_eq!(edges(50, 1.5), [0.0, 0.0]);
+        assert_eq!(edges(0, 1.5), [0.0, 1.0], "all of it is too far off");
     }
 
     #[test]

@@ -11,6 +11,7 @@ use super::crease;
 use super::crossing;
 use super::hook::{doubled_back, unhook, way};
 use super::join::join;
+use super::margin;
 use super::mask::Mask;
 use super::overhang;
 use super::partition::Part;
@@ -353,6 +354,10 @@ pub(super) fn extend(
         }
         let mut section =
             Section { expected, measured: expected.measure(mask), anchor: ANCHOR, guide_px: None };
+        if margin::is_cut_off(mask, &expected) {
+            // What is left of it by the border would lead aside.
+            (section.measured.left_px, section.measured.right_px) = (None, None);
+        }
         match section.measured.middle {
             Middle::Blade if coasted >= 4 && !fits(&section) => hidden += 1,
             Middle::Blade => {

@@ -3,6 +3,7 @@
 use common::geometry::smooth::Penalised;
 use glam::Vec2;
 
+use super::margin;
 use super::mask::Mask;
 use super::ribbon::{MIN_SEED_PX, Section, tolerance_m};
 use super::section::{Expected, Fold, Measured, Middle};
@@ -12,6 +13,8 @@ const WIDTH_WAVELENGTH_PX: f64 = 16.0;
 const DEPTH_WAVELENGTH_PX: f64 = 48.0;
 /// σ of the window in which the slope across is fitted, pixels.
 const SLOPE_WINDOW_PX: f32 = 9.0;
+/// What the middle of a section counts that the border of the region cuts off.
+const CUT_OFF: f64 = 0.01;
 
 /// Smooths a ribbon over its whole length and measures it anew.
 pub(super) fn settle(mask: &Mask, sections: &mut [Section], wavelength_px: f64) {
@@ -56,7 +59,10 @@ fn smooth_and_measure(mask: &Mask, sections: &mut [Section], wavelength_px: f64,
     // expected counts a little, so that it does not run away.
     let weight = |s: &Section| {
         let both = if s.edges_seen() == 2 { 1.0 } else { 0.02 };
-        let place = f64::from(s.weight()).max(f64::from(s.anchor));
+        let seen = f64::from(s.weight());
+        // What the border of the region leaves of it leads aside.
+        let seen = if margin::is_cut_off(mask, &s.expected) { seen.min(CUT_OFF) } else { seen };
+        let place = seen.max(f64::from(s.anchor));
         [both, place, place, (f64::from(of_it(s)) / mean.max(1.0)).max(0.002)]
     };
     let sample = |s: &Section| {
