@@ -182,7 +182,7 @@ fn a_replay_of_what_a_station_recorded_gives_its_very_library_whatever_happened(
     assert_eq!(ids(&replayed), captured);
     let end = replayed.last().expect("an end");
     assert_eq!(end["library_hash"].as_str(), Some(library_hash(library.bytes()).as_str()), "{end}");
-    assert_eq!(end["frames"], json!(count(&status, "recorded_frames")));
+    assert_eq!(end["frames"], json!(count(&status, "frames")), "each frame that was seen");
 }
 
 #[test]
