@@ -171,7 +171,9 @@ pub(super) fn stream(order: &Order, link: &mut Link) -> Result<Result<(), Closed
             (approximate.nominal.tolerance * 100.0).round()
         );
     }
-    if link.say(&Message::Opened(description(&node, &plan))).is_err() {
+    let serial = node.usb.as_ref().and_then(|usb| usb.serial.clone());
+    let told_serial = serial.map_or(Ok(()), |serial| link.say(&Message::Serial(serial)));
+    if told_serial.and_then(|()| link.say(&Message::Opened(description(&node, &plan)))).is_err() {
         return Ok(Err(Closed));
     }
     let mut clock = SensorClock::default();
