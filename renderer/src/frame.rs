@@ -10,7 +10,7 @@ use crate::gpu::timing::Timing;
 use crate::passes::cull::gpu_data::Slot;
 use crate::passes::cull::{self, Cull, Detail};
 use crate::passes::grass::gpu_data::SimulatedKnot;
-use crate::passes::grass::{Grass, Growth};
+use crate::passes::grass::{Grass, Growth, SHADOW_LEVELS};
 use crate::passes::{ground::Ground, shadow, sky::Sky, tone::Tone, world::World};
 use crate::scene::camera::{Camera, frustum_planes};
 use crate::scene::grassland::shapes::{self, LEVEL_KNOTS, Shapes};
@@ -245,7 +245,8 @@ impl Meadow {
             self.cull.encode(gpu, &mut encoder, &self.world.bindings, &self.cull_bindings, &plan, timing);
         }
         if grass_shows && self.throws_shadows && light.sun != Vec3::ZERO {
-            let place = shadow::place(&view.camera, light.to_sun);
+            let thrown_to_m = cull::farthest_m(&plan, &uniform, SHADOW_LEVELS, reach_m);
+            let place = shadow::place(&view.camera, light.to_sun, thrown_to_m);
             let grown = (&self.grass, &self.grass_bindings, &self.cull);
             self.grass.shadows.draw(gpu, &mut encoder, place, &uniform, &light, grown, timing);
         } else {

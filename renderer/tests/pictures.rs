@@ -196,6 +196,26 @@ fn blades_throw_shadows_on_each_other() {
     assert!((with / without - 1.0).abs() < 0.08, "{with} with, {without} without");
 }
 
+#[test]
+fn shadows_do_not_make_a_meadow_brighter() {
+    let Some(mut studio) = or_skip(Studio::open(SIZE)) else { return };
+    studio.plant(&Snapshot::validate(common::meadow(1)).expect("valid"));
+    // Low and high: near blades throw shadows, and none that is small in the picture does.
+    for (eye_height_m, pitch_rad) in [(0.45, -0.2), (1.7, -0.5), (1.7, -0.17), (3.0, -0.6)] {
+        let camera = Camera { eye_height_m, pitch_rad, ..view().camera };
+        let view = View { camera, sun_rad: Vec2::new(0.6, 0.5), ..view() };
+        let below = |picture: Vec<u8>| {
+            let lower = &picture[picture.len() / 2..];
+            lower.iter().map(|value| f64::from(*value)).sum::<f64>() / lower.len() as f64
+        };
+        studio.garden().set_shadows(true);
+        let with = below(studio.draw(&view).expect("a picture"));
+        studio.garden().set_shadows(false);
+        let without = below(studio.draw(&view).expect("a picture"));
+        assert!(with / without < 1.02, "{eye_height_m} m: {with} with, {without} without");
+    }
+}
+
 /// Mean colour of the ground and what grows on it between two distances from a camera that looks down on it.
 fn mean_between(studio: &mut Studio, view: &View, near_m: f32, far_m: f32) -> glam::Vec3 {
     let picture = studio.draw(view).expect("a picture");

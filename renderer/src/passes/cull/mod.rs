@@ -248,6 +248,13 @@ pub(crate) fn kept(full_pixel_m: f32, pixel_rad: f32, distance_m: f32) -> f32 {
     ratio * ratio.sqrt().sqrt()
 }
 
+/// How far from the eye a blade that reaches `reach_m` is of one of the first `levels` levels of detail, metres.
+pub fn farthest_m(plan: &Plan, frame: &Frame, levels: u32, reach_m: f32) -> f32 {
+    let has_levels = plan.survey.everything == 0;
+    let least_px = levels.checked_sub(1).and_then(|last| LEVEL_PX.get(last as usize)).filter(|_| has_levels);
+    least_px.map_or(f32::MAX, |px| plan.survey.detail * reach_m / (frame.pixel_rad * px))
+}
+
 /// What to look at for this frame. `reach_m`: how far any part of any shape is from its root; `swapped`: how far
 /// the library before has given way, 0 to 1.
 ///

@@ -30,7 +30,7 @@ pub mod gpu_data {
 }
 
 /// Levels of detail, from the nearest, that throw shadows: as far as the map of shadows reaches.
-const SHADOW_LEVELS: u32 = 2;
+pub const SHADOW_LEVELS: u32 = 2;
 /// Levels of detail, from the finest on, whose blades are lit at each sample; smaller ones are lit at their
 /// vertices.
 const LIT_BY_SAMPLE: u32 = 2;

@@ -40,17 +40,18 @@ pub mod gpu_data {
         pub strength: f32,
         /// Side of a texel, metres.
         pub texel_m: f32,
+        /// How far from the eye the largest blades throw shadows, metres.
+        pub thrown_to_m: f32,
         /// Padding.
         pub _pad_0: f32,
-        /// Padding.
-        pub _pad_1: f32,
     }
 }
 use gpu_data::Shadow;
 
 /// Where the map lies for this camera and this sun: around what is seen nearest, larger for a higher eye, and
-/// moved by whole texels, so that shadows do not crawl when the camera moves.
-pub fn place(camera: &Camera, to_sun: Vec3) -> Shadow {
+/// moved by whole texels, so that shadows do not crawl when the camera moves. `thrown_to_m`: as far from the eye the
+/// largest blades throw shadows.
+pub fn place(camera: &Camera, to_sun: Vec3, thrown_to_m: f32) -> Shadow {
     let forward = camera.forward();
     // A step in size now and then, not a little with each frame.
     let half_m = 1.5f32.powf((camera.eye_height_m.max(0.2) * 5.0).log(1.5).round()).clamp(1.0, 6.0);
@@ -71,7 +72,8 @@ pub fn place(camera: &Camera, to_sun: Vec3) -> Shadow {
         -at.z - RANGE_M,
         -at.z + RANGE_M,
     );
-    Shadow { map_from_world: map_from_sun * sun_from_world, strength: 1.0, texel_m, _pad_0: 0.0, _pad_1: 0.0 }
+    let map_from_world = map_from_sun * sun_from_world;
+    Shadow { map_from_world, strength: 1.0, texel_m, thrown_to_m, _pad_0: 0.0 }
 }
 
 /// The pass, and what other passes bind to read its map.
@@ -231,7 +233,7 @@ mod tests {
         for (elevation_deg, heading) in [(1.0f32, 0.0), (20.0, 2.0), (60.0, 4.0), (90.0, 1.0)] {
             let to_sun = sky::direction(Vec2::new(heading, elevation_deg.to_radians()));
             let camera = camera(Vec2::new(40.0, -7.0), 1.0);
-            let place = place(&camera, to_sun);
+            let place = place(&camera, to_sun, 5.0);
             for ahead_m in [0.1, 1.0, 2.0] {
                 let p = camera.foot + Vec2::new(camera.forward().x, camera.forward().z) * ahead_m;
                 let p = Vec3::new(p.x, terrain::height_m(p) + 0.1, p.y);
@@ -249,9 +251,9 @@ mod tests {
         let to_sun = sky::direction(Vec2::new(0.7, 0.5));
         let texels =
             |place: &Shadow, p: Vec3| place.map_from_world.project_point3(p).truncate() * (0.5 * SIDE as f32);
-        let first = place(&camera(Vec2::ZERO, 0.3), to_sun);
+        let first = place(&camera(Vec2::ZERO, 0.3), to_sun, 5.0);
         for step in 1..20 {
-            let next = place(&camera(Vec2::splat(step as f32 * 0.013), 0.3), to_sun);
+            let next = place(&camera(Vec2::splat(step as f32 * 0.013), 0.3), to_sun, 5.0);
             let moved = texels(&next, Vec3::ONE) - texels(&first, Vec3::ONE);
             assert!((moved - moved.round()).length() < 0.02, "by {moved}");
         }
@@ -259,6 +261,6 @@ mod tests {
 
     #[test]
     fn the_matrix_is_finite_for_a_sun_in_the_zenith() {
-        assert!(place(&camera(Vec2::ZERO, 0.0), Vec3::Y).map_from_world.is_finite());
+        assert!(place(&camera(Vec2::ZERO, 0.0), Vec3::Y, 5.0).map_from_world.is_finite());
     }
 }

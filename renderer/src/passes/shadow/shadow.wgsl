@@ -5,8 +5,8 @@ struct Shadow {
     map_from_world: mat4x4f,
     strength: f32,
     texel_m: f32,
+    thrown_to_m: f32,
     _pad_0: f32,
-    _pad_1: f32,
 }
 
 @group(2) @binding(0) var<uniform> shadow: Shadow;
@@ -40,7 +40,9 @@ fn sun_at(in_world: vec3f, depth_m: f32) -> f32 {
     let edge = max(abs(at.x), abs(at.y));
     // Without a map nothing is inside. A branch on the strength alone would have Mesa's software driver make the
     // shader anew for each frame.
-    let inside = shadow.strength * (1.0 - smoothstep(0.7, 1.0, edge));
+    // Where blades grow too small in the picture to throw any, the map is empty and would let all of the sun through.
+    let far = distance(in_world, frame.eye_in_world) / max(shadow.thrown_to_m, 1e-3);
+    let inside = shadow.strength * (1.0 - smoothstep(0.7, 1.0, edge)) * (1.0 - smoothstep(0.4, 0.8, far));
     if inside <= 0.0 {
         return by_height;
     }
