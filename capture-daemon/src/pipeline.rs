@@ -94,6 +94,7 @@ pub fn capture(
     }
     let steep = blade::steep_blobs(&mask, &followed, camera);
     let mut refused = blade::worth_saying(&mask, &accepted, &refused, &steep);
+    refused.extend((0..blade::cut_off_blobs(&mask, &ribbons)).map(|_| Refusal::Outside));
     accepted.sort_by(|a, b| a.0.root_x_m().total_cmp(&b.0.root_x_m()));
     let (blades, shapeless) = blade::finish(&accepted, timestamp_ns, &params.pose, &params.refine);
     refused.extend(shapeless);

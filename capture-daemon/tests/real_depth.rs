@@ -205,7 +205,7 @@ fn leaves_that_leave_the_region_are_followed_to_its_border() {
             .map(|blade| camera.project(blade.knots_in_camera[blade.knots_in_camera.len() - 1].position))
             .collect();
         for end in ends {
-            let is_there = |(x, y): &(f64, f64)| (x - end).abs() < 5.0 && *y > 317.0;
+            let is_there = |(x, y): &(f64, f64)| (x - end).abs() < 5.0 && *y > 315.0;
             assert!(tips.iter().any(is_there), "{png}: no tip at {end}: {tips:?}");
         }
     }

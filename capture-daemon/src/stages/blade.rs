@@ -260,6 +260,28 @@ pub fn steep_blobs(mask: &Mask, followed: &[&Ribbon], camera: &CameraModel) -> V
     alone.filter(is_steep).map(|blob| blob.label).collect()
 }
 
+/// How many blobs nothing was followed on because the border of the region cuts them off nearly all along.
+/// O(pixels of the region).
+pub fn cut_off_blobs(mask: &Mask, ribbons: &[Ribbon]) -> usize {
+    let passed: Vec<u16> = ribbons.iter().flat_map(|ribbon| blobs_of(mask, ribbon)).collect();
+    let [x0, y0, x1, y1] = mask.region;
+    let is_cut_off = |blob: &&Region| {
+        let [u0, v0, u1, v1] = blob.bounds;
+        let column = |x: usize| (v0..v1).filter(move |y| mask.blobs.of[y * mask.width + x] == blob.label);
+        let row = |y: usize| (u0..u1).filter(move |x| mask.blobs.of[y * mask.width + x] == blob.label);
+        let at_border = [
+            (u0 == x0, column(u0).count()),
+            (u1 == x1, column(u1 - 1).count()),
+            (v0 == y0, row(v0).count()),
+            (v1 == y1, row(v1 - 1).count()),
+        ];
+        let cut: usize =
+            at_border.into_iter().filter(|(is_there, _)| *is_there).map(|(_, count)| count).sum();
+        cut as f32 > MAX_AT_BORDER * (u1 - u0).max(v1 - v0) as f32
+    };
+    mask.blobs.regions.iter().filter(|blob| !passed.contains(&blob.label)).filter(is_cut_off).count()
+}
+
 /// The blobs that a ribbon passes, 0 for none, section by section.
 fn blobs_of<'a>(mask: &'a Mask, ribbon: &'a Ribbon) -> impl Iterator<Item = u16> + 'a {
     let places = ribbon.sections.iter().filter_map(|section| mask.index_at(section.expected.mid));
