@@ -87,7 +87,7 @@ fn structs_lie_in_memory_as_in_rust() {
         );
     }
     for module in [&grass, &module_of("ground")] {
-        check_layout!(module, Shadow { map_from_world, strength, texel_m, _pad_0, _pad_1 });
+        check_layout!(module, Shadow { map_from_world, strength, texel_m, thrown_to_m, _pad_0 });
     }
     for module in [&tiles, &blades, &args] {
         check_layout!(
