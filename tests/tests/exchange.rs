@@ -177,7 +177,7 @@ fn blades_leave_as_drawings_and_meshes_and_come_back_redrawn() {
         (vec!["export", &file("out.svg"), "heather"], 1, "heather"),
         (vec!["import", &file("text.svg")], 2, "closed path"),
         (vec!["import", &file("fork.svg")], 2, "path \"fork\": its outline crosses itself"),
-        (vec!["import", &file("bad.toml")], 1, "bad:2"),
+        (vec!["import", &file("bad.toml")], 2, "bad.toml:2"),
         (vec!["import", &file("long.toml")], 2, "expected 65536 at most; take comments"),
         (vec!["import", &file("fern.svg"), "--name", "a/b"], 2, "slash"),
         (vec!["import", &file("fern.svg"), "--length-mm", "0"], 2, "1 to 10000"),
