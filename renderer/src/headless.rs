@@ -128,7 +128,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
             studio.plant(&library);
         }
         let started = Instant::now();
-        let pixels = studio.draw(&cli.view(index as f32 / FRAMES_PER_SECOND))?;
+        let pixels = studio.draw(&cli.view(index as f32 / FRAMES_PER_SECOND * cli.time_scale))?;
         let seconds = started.elapsed().as_secs_f32();
         tracing::info!(index, seconds, generation = studio.generation(), "drawn");
         let path = out.join(format!("frame-{index:04}.png"));

@@ -5,9 +5,10 @@ use std::io::{Error, ErrorKind};
 /// Of a socket to which nobody could connect, for `reason`.
 pub(super) fn told(reason: &Error) -> String {
     if reason.kind() == ErrorKind::PermissionDenied {
-        return "this user may not write to the socket, or not enter its folder; join the group that it is given to \
-                (`ls -l` shows it, `sudo usermod --append --groups GROUP USER` does it) and log in anew"
-            .to_owned();
+        return format!(
+            "{reason}: this user may not write to the socket, or not enter its folder; join the group that it is given to \
+             (`ls -l` shows it, `sudo usermod --append --groups GROUP USER` does it) and log in anew"
+        );
     }
     format!(
         "no station answers: {reason}; start one with sward-capture run, or name its socket with --socket: that is \

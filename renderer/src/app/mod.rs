@@ -163,11 +163,9 @@ impl App<'_> {
     fn view(&mut self) -> crate::frame::View {
         // Wind, clouds and the camera's way start anew with each round, about once an hour: after months of
         // running the seconds would be too large to tell frames apart.
-        let elapsed = self.started.elapsed().as_secs_f64();
-        let of_round = |seconds: f64| seconds.rem_euclid(f64::from(camera::WALK_S)) as f32;
-        let seconds = of_round(elapsed);
+        let elapsed = self.started.elapsed().as_secs_f64() * f64::from(self.cli.time_scale);
+        let seconds = elapsed.rem_euclid(f64::from(camera::WALK_S)) as f32;
         let mut view = self.cli.view(seconds);
-        view.time_s = of_round(elapsed * f64::from(self.cli.time_scale));
         if self.cli.path.is_none() && self.cli.view.is_none() {
             view.camera = match self.stage.as_ref().and_then(|stage| stage.attract.as_ref()) {
                 Some(path) => path.at(seconds),
